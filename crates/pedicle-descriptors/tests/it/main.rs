@@ -1,0 +1,5 @@
+//! Integration tests of the descriptors.
+
+mod ranges;
+mod shapes;
+mod signatures;
