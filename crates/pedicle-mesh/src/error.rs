@@ -42,4 +42,34 @@ pub enum MeshError {
         /// Largest number allowed.
         max: usize,
     },
+    /// No face has an area, so the mesh is no surface.
+    #[error("none of the {n_faces} faces has an area")]
+    NoArea {
+        /// Number of faces.
+        n_faces: usize,
+    },
+    /// Products of the coordinates would overflow.
+    #[error("vertex {vertex} has the coordinate {coordinate:e}, larger than the {max:e} allowed")]
+    CoordinateTooLarge {
+        /// Index of the vertex.
+        vertex: usize,
+        /// Its largest coordinate in magnitude.
+        coordinate: f64,
+        /// Largest magnitude allowed.
+        max: f64,
+    },
+    /// Nothing is left after repair.
+    #[error("repair leaves nothing of the {n_faces} faces")]
+    NothingLeft {
+        /// Number of faces before.
+        n_faces: usize,
+    },
+    /// A mesh cannot be simplified to no faces.
+    #[error("{target_faces} faces cannot make a surface; at least {min} are needed")]
+    TargetTooSmall {
+        /// Number of faces asked for.
+        target_faces: usize,
+        /// Smallest number allowed.
+        min: usize,
+    },
 }

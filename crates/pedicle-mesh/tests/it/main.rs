@@ -1,0 +1,4 @@
+//! Integration tests of pedicle-mesh.
+
+mod shapes;
+mod surface_index;
