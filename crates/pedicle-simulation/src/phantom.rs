@@ -1,0 +1,189 @@
+//! The phantom spine: five vertebrae with surfaces, landmarks and the truth about their pedicles.
+//!
+//! Frame: x to the patient's right, y to the front (anterior), z up (superior), in mm (RAS). The
+//! origin is the centre of the body of L3 and its mid-plane is level; lordosis tilts the others.
+
+use nalgebra::{Point3, Unit, Vector3};
+use pedicle_mesh::TriMesh;
+use pedicle_trajectory::{Landmark, Landmarks, Level, Plan, Side, Trajectory};
+
+use crate::meshing::mesh_vertebra;
+use crate::spine::SpineShape;
+use crate::{MeshingOptions, PhantomParameters, SimulationError};
+
+/// Diameter of the planned screws where the pedicle is wide enough, mm (5 to 6 as published).
+const LARGEST_SCREW_MM: f64 = 6.0;
+/// Diameter below which no screw is planned, mm: the smallest usual lumbar screw.
+const SMALLEST_SCREW_MM: f64 = 4.0;
+/// Screws come in steps of this diameter, mm.
+const SCREW_STEP_MM: f64 = 0.5;
+/// Bone to keep between the screw and the cortex at the isthmus, mm.
+const ISTHMUS_CLEARANCE_MM: f64 = 1.8;
+/// Length of the planned screws, mm.
+const SCREW_LENGTH_MM: f64 = 45.0;
+/// Bone to keep in front of the tip, measured along the axis, mm.
+const TIP_CLEARANCE_MM: f64 = 5.0;
+/// How far from the isthmus the axis is followed to the surface, mm.
+const AXIS_REACH_MM: f64 = 80.0;
+
+/// What is known about one pedicle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PedicleTruth {
+    /// The side.
+    pub side: Side,
+    /// Centre of the narrowest section, mm.
+    pub isthmus_center: Point3<f64>,
+    /// Axis from the back to the front.
+    pub axis: Unit<Vector3<f64>>,
+    /// Direction in which the width is measured, to the patient's right, square to the axis.
+    pub width_direction: Unit<Vector3<f64>>,
+    /// Width of the narrowest section, mm.
+    pub width_mm: f64,
+    /// Height of the narrowest section, mm.
+    pub height_mm: f64,
+    /// Where the axis enters the bone at the back, mm.
+    pub entry: Point3<f64>,
+    /// Where the axis leaves the bone at the front of the body, mm.
+    pub exit: Point3<f64>,
+}
+
+/// One vertebra of the phantom.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PhantomVertebra {
+    /// Its level.
+    pub level: Level,
+    /// Its surface: closed, manifold, one component, faces counter-clockwise from outside.
+    pub mesh: TriMesh,
+    /// The top of the spinous process, on the surface, mm.
+    pub landmark: Point3<f64>,
+    /// Left and right, in the order of [`Side`].
+    pub pedicles: [PedicleTruth; 2],
+}
+
+/// A phantom spine, L1 to L5, in one frame: x right, y anterior, z superior, mm.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Phantom {
+    /// From the top down.
+    pub vertebrae: Vec<PhantomVertebra>,
+}
+
+/// Builds the five vertebrae.
+///
+/// The surfaces lie on the exact implicit solid to about 1e-9 mm at the vertices; the pedicles'
+/// isthmus, axis, width and height are those of the solid.
+///
+/// # Errors
+/// [`SimulationError`] for a dimension or an option outside its range, or for dimensions that fit
+/// together so badly that no closed surface comes out.
+pub fn generate_phantom(
+    parameters: &PhantomParameters,
+    meshing: &MeshingOptions,
+) -> Result<Phantom, SimulationError> {
+    parameters.validate()?;
+    meshing.validate()?;
+    let spine = SpineShape::new(parameters);
+    let vertebrae = Level::ALL
+        .into_iter()
+        .map(|level| {
+            let pose = &spine.poses[level.index()];
+            let shape = &spine.vertebrae[level.index()];
+            let (inside, outward) = shape.spinous_end;
+            let along = spine
+                .crossing(level, &inside, &outward, AXIS_REACH_MM)
+                .unwrap_or(0.0);
+            Ok(PhantomVertebra {
+                level,
+                mesh: mesh_vertebra(&spine, level, meshing)?,
+                landmark: pose * (inside + outward * along),
+                pedicles: [
+                    pedicle_truth(&spine, level, Side::Left)?,
+                    pedicle_truth(&spine, level, Side::Right)?,
+                ],
+            })
+        })
+        .collect::<Result<_, SimulationError>>()?;
+    Ok(Phantom { vertebrae })
+}
+
+fn pedicle_truth(
+    spine: &SpineShape,
+    level: Level,
+    side: Side,
+) -> Result<PedicleTruth, SimulationError> {
+    let pose = &spine.poses[level.index()];
+    let pedicle = &spine.vertebrae[level.index()].pedicles[side as usize];
+    let surface = |direction: Vector3<f64>| {
+        spine
+            .crossing(level, &pedicle.isthmus, &direction, AXIS_REACH_MM)
+            .map(|distance| pose * (pedicle.isthmus + direction * distance))
+            .ok_or(SimulationError::AxisMissesSurface {
+                level,
+                side,
+                reach_mm: AXIS_REACH_MM,
+            })
+    };
+    let axis = pedicle.axis.into_inner();
+    Ok(PedicleTruth {
+        side,
+        isthmus_center: pose * pedicle.isthmus,
+        axis: pose * pedicle.axis,
+        width_direction: Unit::new_normalize(pose * pedicle.across),
+        width_mm: 2.0 * pedicle.radii[0],
+        height_mm: 2.0 * pedicle.radii[1],
+        entry: surface(-axis)?,
+        exit: surface(axis)?,
+    })
+}
+
+impl PedicleTruth {
+    /// The largest usual screw that leaves 1.8 mm of bone at the isthmus: 6 mm at most, 4 mm at
+    /// least, in steps of 0.5 mm.
+    #[must_use]
+    pub fn screw_diameter_mm(&self) -> f64 {
+        let room = self.width_mm.min(self.height_mm) - 2.0 * ISTHMUS_CLEARANCE_MM;
+        let stepped = (room / SCREW_STEP_MM + 1e-9).floor() * SCREW_STEP_MM;
+        stepped.clamp(SMALLEST_SCREW_MM, LARGEST_SCREW_MM)
+    }
+
+    /// The screw along the axis: 45 mm long, or shorter so that 5 mm of bone stay in front of it.
+    #[must_use]
+    pub fn trajectory(&self, level: Level) -> Trajectory {
+        let room = (self.exit - self.entry).norm() - TIP_CLEARANCE_MM;
+        Trajectory {
+            level,
+            side: self.side,
+            entry_mm: self.entry,
+            tip_mm: self.entry + self.axis.into_inner() * SCREW_LENGTH_MM.min(room),
+            diameter_mm: self.screw_diameter_mm(),
+        }
+    }
+}
+
+impl Phantom {
+    /// Two screws a vertebra along the true axes, from the top down, left before right.
+    #[must_use]
+    pub fn plan(&self) -> Plan {
+        Plan {
+            trajectories: self
+                .vertebrae
+                .iter()
+                .flat_map(|v| v.pedicles.map(|pedicle| pedicle.trajectory(v.level)))
+                .collect(),
+        }
+    }
+
+    /// The tops of the spinous processes.
+    #[must_use]
+    pub fn landmarks(&self) -> Landmarks {
+        Landmarks {
+            landmarks: self
+                .vertebrae
+                .iter()
+                .map(|v| Landmark {
+                    level: v.level,
+                    position_mm: v.landmark,
+                })
+                .collect(),
+        }
+    }
+}
