@@ -1,0 +1,216 @@
+//! The functional map of least energy.
+//!
+//! ```text
+//! ∇E(C) = H(C) - w_d B Aᵀ = 0
+//! row i without commutators:   (w_d A Aᵀ + w_l diag(D_i) + …) c_i = w_d A b_i
+//! ```
+//!
+//! Without commutators the energy separates into k_target symmetric positive definite systems of
+//! size k_source, solved by Cholesky. With them the normal equations are solved without ever
+//! forming H, by conjugate gradients on vec C. The preconditioner is the exact block diagonal of H,
+//! one block a row of C: for a commutator with S and T it is
+//! (S - σ T_ii)(S - σ T_ii)ᵀ + Σ_{j≠i} T_ji².
+
+use faer::{Mat, Side as Triangle, linalg::solvers::Llt, prelude::Solve};
+
+use crate::{
+    Energy, EnergyOptions, EnergyTerms, FmapError, FunctionalMap, Shape,
+    linear::{add_product, add_scaled, dot},
+};
+
+/// How a map is fitted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FitOptions {
+    /// Number of functions of the source, 60.
+    pub n_source: usize,
+    /// Number of functions of the target, 60.
+    pub n_target: usize,
+    /// The energy.
+    pub energy: EnergyOptions,
+    /// Norm of the gradient, relative to that at C = 0, at which the iteration ends, 1e-8.
+    pub tolerance: f64,
+    /// Largest number of conjugate gradient steps, 1000.
+    pub max_iterations: usize,
+}
+
+impl Default for FitOptions {
+    fn default() -> Self {
+        Self {
+            n_source: 60,
+            n_target: 60,
+            energy: EnergyOptions::default(),
+            tolerance: 1e-8,
+            max_iterations: 1000,
+        }
+    }
+}
+
+/// Why a fit ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FitTermination {
+    /// The energy separates by rows and was minimised directly.
+    Direct,
+    /// The gradient fell below the tolerance.
+    Converged,
+    /// The limit of iterations came first; see the norm of the gradient.
+    IterationLimit,
+}
+
+/// A fitted map and how the fit went.
+#[derive(Debug, Clone)]
+pub struct Fit {
+    /// The map of least energy.
+    pub map: FunctionalMap,
+    /// The weighted terms of the energy at the map.
+    pub energies: EnergyTerms,
+    /// Norm of the gradient at the map, relative to that at C = 0.
+    pub gradient_norm: f64,
+    /// Conjugate gradient steps taken; 0 for a direct solution.
+    pub iterations: usize,
+    /// Why the fit ended.
+    pub termination: FitTermination,
+}
+
+/// Fits the map from the functions of the source to those of the target.
+///
+/// # Errors
+/// [`FmapError`] if sizes do not fit, a number is not finite, an option makes no sense, or the
+/// descriptors of both shapes are zero in the basis.
+pub fn fit(source: &Shape<'_>, target: &Shape<'_>, options: &FitOptions) -> Result<Fit, FmapError> {
+    if !(options.tolerance > 0.0 && options.tolerance < 1.0) {
+        return Err(FmapError::InvalidOption {
+            option: "tolerance",
+            value: options.tolerance,
+            requirement: "it must lie in (0, 1)",
+        });
+    }
+    let size = (options.n_target, options.n_source);
+    let energy = Energy::new(source, target, size, &options.energy)?;
+    minimize(&energy, options.tolerance, options.max_iterations)
+}
+
+/// Minimises an energy that has been built already.
+///
+/// # Errors
+/// [`FmapError::Decomposition`] if a block of the preconditioner is not positive definite,
+/// [`FmapError::Empty`] if the descriptors of one shape are zero in the basis.
+pub fn minimize(energy: &Energy, tolerance: f64, max_iterations: usize) -> Result<Fit, FmapError> {
+    let right_side = energy.linear_part();
+    let scale = right_side.norm_l2();
+    if scale <= 0.0 {
+        return Err(FmapError::Empty {
+            what: "descriptors that both bases can represent",
+        });
+    }
+    let blocks = RowBlocks::new(energy)?;
+    let mut c = blocks.solve(&right_side);
+    let (iterations, termination) = if energy.commutators.is_empty() {
+        (0, FitTermination::Direct)
+    } else {
+        conjugate_gradients(energy, &blocks, &mut c, (tolerance * scale, max_iterations))
+    };
+    let gradient_norm = energy.gradient(&c).norm_l2() / scale;
+    Ok(Fit {
+        energies: energy.value(&c),
+        map: FunctionalMap { matrix: c },
+        gradient_norm,
+        iterations,
+        termination,
+    })
+}
+
+/// Preconditioned conjugate gradients from the start given in `c`.
+fn conjugate_gradients(
+    energy: &Energy,
+    blocks: &RowBlocks,
+    c: &mut Mat<f64>,
+    (threshold, max_iterations): (f64, usize),
+) -> (usize, FitTermination) {
+    let mut residual = energy.gradient(c);
+    residual *= faer::Scale(-1.0);
+    let mut preconditioned = blocks.solve(&residual);
+    let mut direction = preconditioned.clone();
+    let mut product = dot(&residual, &preconditioned);
+    for iteration in 0..max_iterations {
+        if residual.norm_l2() <= threshold {
+            return (iteration, FitTermination::Converged);
+        }
+        let curved = energy.hessian_times(&direction);
+        let curvature = dot(&direction, &curved);
+        if curvature <= 0.0 {
+            // Rounding has used up the direction: no further descent is possible.
+            return (iteration, FitTermination::IterationLimit);
+        }
+        let step = product / curvature;
+        add_scaled(c, step, &direction);
+        add_scaled(&mut residual, -step, &curved);
+        preconditioned = blocks.solve(&residual);
+        let next = dot(&residual, &preconditioned);
+        let ratio = next / product;
+        product = next;
+        direction *= faer::Scale(ratio);
+        add_scaled(&mut direction, 1.0, &preconditioned);
+    }
+    if residual.norm_l2() <= threshold {
+        (max_iterations, FitTermination::Converged)
+    } else {
+        (max_iterations, FitTermination::IterationLimit)
+    }
+}
+
+/// The block diagonal of the Hessian, factored: one k_source × k_source block a row of C.
+struct RowBlocks {
+    factors: Vec<Llt<f64>>,
+}
+
+impl RowBlocks {
+    fn new(energy: &Energy) -> Result<Self, FmapError> {
+        let (n_rows, n) = energy.size();
+        let a = energy.source_coefficients.as_ref();
+        // The same for every row: w_d A Aᵀ + Σ w S Sᵀ.
+        let mut shared = Mat::zeros(n, n);
+        add_product(&mut shared, energy.descriptor_weight, a, a.transpose());
+        for commutator in &energy.commutators {
+            let s = commutator.source.as_ref();
+            add_product(&mut shared, commutator.weight, s, s.transpose());
+        }
+        let factors = (0..n_rows)
+            .map(|row| {
+                let mut block = shared.clone();
+                for commutator in &energy.commutators {
+                    let diagonal = commutator.target[(row, row)];
+                    let column = commutator.target.col_as_slice(row);
+                    let squared: f64 = column.iter().map(|t| t * t).sum();
+                    let cross = -commutator.weight * commutator.sign * diagonal;
+                    let s = &commutator.source;
+                    for j in 0..n {
+                        for i in 0..n {
+                            block[(i, j)] += cross * (s[(i, j)] + s[(j, i)]);
+                        }
+                        block[(j, j)] += commutator.weight * squared;
+                    }
+                }
+                for j in 0..n {
+                    block[(j, j)] += energy.diagonal_weight(row, j);
+                }
+                block
+                    .llt(Triangle::Lower)
+                    .map_err(|_| FmapError::Decomposition {
+                        what: "the normal equations of one row",
+                        rows: n,
+                        columns: n,
+                    })
+            })
+            .collect::<Result<_, _>>()?;
+        Ok(Self { factors })
+    }
+
+    /// Solves the system of every row.
+    fn solve(&self, right_side: &Mat<f64>) -> Mat<f64> {
+        let mut rows = right_side.transpose().to_owned();
+        for (i, factor) in self.factors.iter().enumerate() {
+            factor.solve_in_place(rows.subcols_mut(i, 1));
+        }
+        rows.transpose().to_owned()
+    }
+}

@@ -1,0 +1,174 @@
+//! Refinements in the spectrum: ZoomOut and spectral iterated closest points.
+//!
+//! ```text
+//! ZoomOut        T_k from C_k,  C_{k+step} = Φ_targetᵀ M_target Π_k Φ_source, and so on
+//! spectral ICP   T from C,      C = U Vᵀ of Φ_targetᵀ M_target Π Φ_source
+//! ```
+//!
+//! The number of functions of the source grows from that of the first map to `n_source` by `step`;
+//! that of the target grows in proportion, so a rectangular map for a part stays rectangular.
+//!
+//! Melzi, Ren, Rodolà, Sharma, Wonka & Ovsjanikov 2019; Ovsjanikov et al. 2012, section 6.
+
+use pedicle_spectral::LaplaceBasis;
+
+use crate::{
+    FmapError, FunctionalMap, PointMap, Side,
+    convert::{check_basis, check_map, nearest_point_map, pulled_back},
+    linear::nearest_orthogonal,
+    quality::coverage,
+};
+
+/// How far and in which steps ZoomOut goes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ZoomOutOptions {
+    /// Number of functions of the source at the end, 100.
+    pub n_source: usize,
+    /// Number of functions of the target at the end, 100.
+    pub n_target: usize,
+    /// Functions of the source added a step, 5; at least 1.
+    pub step: usize,
+}
+
+impl Default for ZoomOutOptions {
+    fn default() -> Self {
+        Self {
+            n_source: 100,
+            n_target: 100,
+            step: 5,
+        }
+    }
+}
+
+/// One step of a refinement.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SpectralStep {
+    /// Number of functions of the source.
+    pub n_source: usize,
+    /// Number of functions of the target.
+    pub n_target: usize,
+    /// Share of the source vertices that are some target vertex's image.
+    pub coverage: f64,
+    /// Share of the target vertices whose image the step changed.
+    pub changed: f64,
+}
+
+/// A refined map.
+#[derive(Debug, Clone)]
+pub struct Refined {
+    /// The functional map at the end.
+    pub map: FunctionalMap,
+    /// The point map nearest to it.
+    pub point_map: PointMap,
+    /// One entry a point map computed, the last for `point_map`.
+    pub report: Vec<SpectralStep>,
+}
+
+/// Refines a map from few functions to many.
+///
+/// # Errors
+/// [`FmapError`] if a basis is too small, the map has more functions than asked for, `step` is 0
+/// or a number is not finite.
+pub fn zoomout(
+    source: &LaplaceBasis,
+    target: &LaplaceBasis,
+    map: &FunctionalMap,
+    options: &ZoomOutOptions,
+) -> Result<Refined, FmapError> {
+    check_map(source, target, map)?;
+    check_basis(source, Side::Source, options.n_source)?;
+    check_basis(target, Side::Target, options.n_target)?;
+    check_count("step", options.step)?;
+    let start = (map.n_target(), map.n_source());
+    for (option, first, last) in [
+        ("n_source", start.1, options.n_source),
+        ("n_target", start.0, options.n_target),
+    ] {
+        if last < first {
+            return Err(FmapError::InvalidOption {
+                option,
+                value: last as f64,
+                requirement: "it must not be below that of the map to be refined",
+            });
+        }
+    }
+    let grown_source = options.n_source - start.1;
+    let grown_target = options.n_target - start.0;
+    let n_steps = grown_source.div_ceil(options.step).max(grown_target.min(1));
+    let mut current = map.clone();
+    let mut point_map = nearest_point_map(source, target, &current);
+    let mut report = vec![step_report(&current, &point_map, None)];
+    for step in 1..=n_steps {
+        let n_source = (start.1 + step * options.step).min(options.n_source);
+        // In proportion to the source, and exact at the end.
+        let n_target = start.0 + grown_target * step / n_steps;
+        current = pulled_back(source, target, &point_map, (n_target, n_source));
+        let next = nearest_point_map(source, target, &current);
+        report.push(step_report(&current, &next, Some(&point_map)));
+        point_map = next;
+    }
+    Ok(Refined {
+        map: current,
+        point_map,
+        report,
+    })
+}
+
+/// Alternates nearest rows and the projection of C to orthonormal rows or columns.
+///
+/// # Errors
+/// [`FmapError`] if a basis is too small or a number is not finite.
+pub fn spectral_icp(
+    source: &LaplaceBasis,
+    target: &LaplaceBasis,
+    map: &FunctionalMap,
+    n_rounds: usize,
+) -> Result<Refined, FmapError> {
+    check_map(source, target, map)?;
+    let size = (map.n_target(), map.n_source());
+    let mut current = map.clone();
+    let mut point_map = nearest_point_map(source, target, &current);
+    let mut report = vec![step_report(&current, &point_map, None)];
+    for _ in 0..n_rounds {
+        let pulled = pulled_back(source, target, &point_map, size);
+        current = FunctionalMap {
+            matrix: nearest_orthogonal(&pulled.matrix)?,
+        };
+        let next = nearest_point_map(source, target, &current);
+        let step = step_report(&current, &next, Some(&point_map));
+        report.push(step);
+        point_map = next;
+        if step.changed <= 0.0 {
+            break;
+        }
+    }
+    Ok(Refined {
+        map: current,
+        point_map,
+        report,
+    })
+}
+
+fn step_report(map: &FunctionalMap, now: &PointMap, before: Option<&PointMap>) -> SpectralStep {
+    let changed = before.map_or(1.0, |before| {
+        let pairs = now.source_of_target.iter().zip(&before.source_of_target);
+        pairs.filter(|(a, b)| a != b).count() as f64 / now.n_target_vertices() as f64
+    });
+    SpectralStep {
+        n_source: map.n_source(),
+        n_target: map.n_target(),
+        coverage: coverage(now),
+        changed,
+    }
+}
+
+fn check_count(option: &'static str, value: usize) -> Result<(), FmapError> {
+    if value == 0 {
+        return Err(FmapError::InvalidOption {
+            option,
+            value: 0.0,
+            requirement: "it must be at least 1",
+        });
+    }
+    Ok(())
+}
