@@ -1,5 +1,19 @@
 //! Pedicle-screw plans: trajectories, margins, transfer, breaches, a simple planner, file formats.
 
+mod anatomy_error;
+mod formats;
+mod frame;
+mod margins;
+mod names;
 mod plan;
+mod section;
 
-pub use plan::{Landmark, Landmarks, Level, Plan, Side, Trajectory};
+pub use anatomy_error::AnatomyError;
+pub use formats::{FormatError, read_landmarks, read_plan, write_landmarks, write_plan};
+pub use frame::{AnatomicalFrame, anatomical_frames, spinous_process_tip};
+pub use margins::{MarginError, SafetyMargins};
+pub use names::UnknownName;
+pub use plan::{
+    Landmark, LandmarkError, Landmarks, Level, MAX_DIAMETER_MM, Plan, PlanError, Side, Trajectory,
+    TrajectoryDefect,
+};

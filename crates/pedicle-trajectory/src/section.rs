@@ -1,0 +1,296 @@
+//! Plane sections of a closed surface as closed contours.
+//!
+//! Coordinates in the plane are along its x and y axes, mm. Contours run with the bone on their
+//! left, so an outer contour has positive area and a hole negative area.
+
+use nalgebra::{Point2, Point3, Vector2, Vector3};
+use pedicle_mesh::TriMesh;
+
+/// A plane with axes: x × y is its normal.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Plane {
+    pub(crate) origin: Point3<f64>,
+    pub(crate) x: Vector3<f64>,
+    pub(crate) y: Vector3<f64>,
+}
+
+impl Plane {
+    /// The plane perpendicular to `normal` whose x axis is `x` made perpendicular to it.
+    /// `None` if the two are parallel.
+    pub(crate) fn new(origin: Point3<f64>, normal: Vector3<f64>, x: Vector3<f64>) -> Option<Self> {
+        let normal = normal.try_normalize(f64::MIN_POSITIVE)?;
+        let x = (x - normal * normal.dot(&x)).try_normalize(1e-9)?;
+        let y = normal.cross(&x);
+        Some(Self { origin, x, y })
+    }
+
+    pub(crate) fn normal(&self) -> Vector3<f64> {
+        self.x.cross(&self.y)
+    }
+
+    pub(crate) fn to_plane(self, p: &Point3<f64>) -> Point2<f64> {
+        let d = p - self.origin;
+        Point2::new(d.dot(&self.x), d.dot(&self.y))
+    }
+
+    pub(crate) fn to_space(self, p: &Point2<f64>) -> Point3<f64> {
+        self.origin + self.x * p.x + self.y * p.y
+    }
+}
+
+/// One closed contour; the last point joins the first.
+#[derive(Debug, Clone)]
+pub(crate) struct Contour {
+    pub(crate) points: Vec<Point2<f64>>,
+}
+
+impl Contour {
+    fn edges(&self) -> impl Iterator<Item = (Point2<f64>, Point2<f64>)> + '_ {
+        let next = self.points.iter().cycle().skip(1);
+        self.points.iter().copied().zip(next.copied())
+    }
+
+    /// Positive around bone, negative around a hole, mm².
+    pub(crate) fn area(&self) -> f64 {
+        0.5 * self
+            .edges()
+            .map(|(p, q)| p.x * q.y - q.x * p.y)
+            .sum::<f64>()
+    }
+
+    /// Smallest and largest coordinates.
+    pub(crate) fn bounds(&self) -> (Point2<f64>, Point2<f64>) {
+        let first = self.points[0];
+        self.points.iter().fold((first, first), |(low, high), p| {
+            (
+                Point2::from(low.coords.inf(&p.coords)),
+                Point2::from(high.coords.sup(&p.coords)),
+            )
+        })
+    }
+
+    fn crosses_ray_to_the_right(&self, p: &Point2<f64>) -> bool {
+        let mut odd = false;
+        for (a, b) in self.edges() {
+            if (a.y > p.y) != (b.y > p.y) {
+                let x = a.x + (p.y - a.y) / (b.y - a.y) * (b.x - a.x);
+                odd ^= x > p.x;
+            }
+        }
+        odd
+    }
+
+    pub(crate) fn contains(&self, p: &Point2<f64>) -> bool {
+        self.crosses_ray_to_the_right(p)
+    }
+
+    /// Distance from a point to the contour.
+    pub(crate) fn distance(&self, p: &Point2<f64>) -> f64 {
+        self.edges()
+            .map(|(a, b)| {
+                let edge = b - a;
+                let length_squared = edge.norm_squared();
+                let t = if length_squared > 0.0 {
+                    ((p - a).dot(&edge) / length_squared).clamp(0.0, 1.0)
+                } else {
+                    0.0
+                };
+                (p - (a + edge * t)).norm()
+            })
+            .fold(f64::INFINITY, f64::min)
+    }
+
+    /// Distance from a point inside to the contour along a unit direction; 0 if there is none.
+    pub(crate) fn reach(&self, p: &Point2<f64>, direction: &Vector2<f64>) -> f64 {
+        let across = Vector2::new(-direction.y, direction.x);
+        let mut nearest = f64::INFINITY;
+        for (a, b) in self.edges() {
+            let (side_a, side_b) = (across.dot(&(a - p)), across.dot(&(b - p)));
+            if (side_a > 0.0) != (side_b > 0.0) {
+                let t = side_a / (side_a - side_b);
+                let along = direction.dot(&(a + (b - a) * t - p));
+                if along >= 0.0 && along < nearest {
+                    nearest = along;
+                }
+            }
+        }
+        if nearest.is_finite() { nearest } else { 0.0 }
+    }
+}
+
+/// The contours in which the plane meets the surface.
+///
+/// Contours that a hole in the surface leaves open are closed by a straight line.
+pub(crate) fn section(mesh: &TriMesh, plane: &Plane) -> Vec<Contour> {
+    let segments = crossing_segments(mesh, plane);
+    let mut used = vec![false; segments.len()];
+    let mut contours = Vec::new();
+    for first in 0..segments.len() {
+        if used[first] {
+            continue;
+        }
+        let mut points = Vec::new();
+        let mut at = first;
+        loop {
+            used[at] = true;
+            points.push(segments[at].point);
+            // Where four faces share an edge, any way on gives a closed walk.
+            let start = segments.partition_point(|s| s.from < segments[at].to);
+            let next = (start..segments.len())
+                .take_while(|&i| segments[i].from == segments[at].to)
+                .find(|&i| !used[i]);
+            match next {
+                Some(next) => at = next,
+                None => break,
+            }
+        }
+        if points.len() >= 3 {
+            contours.push(Contour { points });
+        }
+    }
+    contours
+}
+
+/// The contour that bounds the bone around a point: the smallest outer one that contains it.
+pub(crate) fn contour_around<'a>(contours: &'a [Contour], p: &Point2<f64>) -> Option<&'a Contour> {
+    contours
+        .iter()
+        .filter(|c| c.contains(p) && c.area() > 0.0)
+        .min_by(|a, b| a.area().total_cmp(&b.area()))
+}
+
+/// An edge of the mesh, smaller vertex first.
+type Edge = (u32, u32);
+
+/// The piece of the plane in one face, from one edge of the face to another.
+struct Segment {
+    from: Edge,
+    to: Edge,
+    /// Where the plane meets the edge `from`.
+    point: Point2<f64>,
+}
+
+/// Sorted by the edge where they begin.
+fn crossing_segments(mesh: &TriMesh, plane: &Plane) -> Vec<Segment> {
+    let normal = plane.normal();
+    let heights: Vec<f64> = mesh
+        .vertices()
+        .iter()
+        .map(|p| normal.dot(&(p - plane.origin)))
+        .collect();
+    let mut segments = Vec::new();
+    for face in mesh.faces() {
+        let above = face.map(|v| heights[v as usize] >= 0.0);
+        if above[0] == above[1] && above[1] == above[2] {
+            continue;
+        }
+        let (mut from, mut to) = (None, None);
+        for i in 0..3 {
+            let (a, b) = (i, (i + 1) % 3);
+            let edge = (face[a].min(face[b]), face[a].max(face[b]));
+            match (above[a], above[b]) {
+                // Counter-clockwise faces put the bone on the left of this way round.
+                (true, false) => from = Some(edge),
+                (false, true) => to = Some(edge),
+                _ => {}
+            }
+        }
+        if let (Some(from), Some(to)) = (from, to) {
+            let (p, q) = (
+                mesh.vertices()[from.0 as usize],
+                mesh.vertices()[from.1 as usize],
+            );
+            let (hp, hq) = (heights[from.0 as usize], heights[from.1 as usize]);
+            let point = plane.to_plane(&(p + (q - p) * (hp / (hp - hq))));
+            segments.push(Segment { from, to, point });
+        }
+    }
+    segments.sort_by_key(|s| s.from);
+    segments
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A box from -half to +half.
+    fn cuboid(half: Vector3<f64>) -> TriMesh {
+        let vertices = (0..8)
+            .map(|i| {
+                let sign = |bit: usize| if i >> bit & 1 == 1 { 1.0 } else { -1.0 };
+                Point3::new(sign(0) * half.x, sign(1) * half.y, sign(2) * half.z)
+            })
+            .collect();
+        let faces = vec![
+            [0, 2, 1],
+            [1, 2, 3],
+            [4, 5, 6],
+            [5, 7, 6],
+            [0, 1, 4],
+            [1, 5, 4],
+            [2, 6, 3],
+            [3, 6, 7],
+            [0, 4, 2],
+            [2, 4, 6],
+            [1, 3, 5],
+            [3, 7, 5],
+        ];
+        TriMesh::new(vertices, faces).unwrap()
+    }
+
+    #[test]
+    fn section_of_a_box_is_a_rectangle() {
+        let mesh = cuboid(Vector3::new(2.0, 3.0, 5.0));
+        // Planes through the middle, near an end, and through vertices at one end.
+        for z in [0.0, 4.9, -5.0] {
+            let plane = Plane {
+                origin: Point3::new(0.0, 0.0, z),
+                x: Vector3::x(),
+                y: Vector3::y(),
+            };
+            let contours = section(&mesh, &plane);
+            let expected = usize::from(z > -5.0);
+            assert_eq!(contours.len(), expected, "one contour at {z}");
+            for contour in contours {
+                assert!(
+                    (contour.area() - 24.0).abs() < 1e-9,
+                    "area {}",
+                    contour.area()
+                );
+                let centre = Point2::new(0.5, 0.0);
+                assert!(contour.contains(&centre), "inside");
+                assert!(
+                    (contour.distance(&centre) - 1.5).abs() < 1e-9,
+                    "nearest wall"
+                );
+                let up = Vector2::new(0.0, 1.0);
+                assert!(
+                    (contour.reach(&centre, &up) - 3.0).abs() < 1e-9,
+                    "wall above"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_plane_beside_the_box_meets_nothing() {
+        let plane = Plane::new(Point3::new(0.0, 0.0, 6.0), Vector3::z(), Vector3::x()).unwrap();
+        let contours = section(&cuboid(Vector3::new(1.0, 1.0, 1.0)), &plane);
+        assert!(contours.is_empty(), "{contours:?}");
+        assert!(
+            contour_around(&contours, &Point2::origin()).is_none(),
+            "nothing around"
+        );
+    }
+
+    #[test]
+    fn oblique_sections_keep_the_bone_on_the_left() {
+        let mesh = cuboid(Vector3::new(2.0, 2.0, 2.0));
+        for normal in [Vector3::new(1.0, 1.0, 1.0), Vector3::new(-1.0, 0.4, 0.2)] {
+            let plane = Plane::new(Point3::origin(), normal, Vector3::x()).unwrap();
+            let contours = section(&mesh, &plane);
+            assert_eq!(contours.len(), 1, "{normal:?}");
+            assert!(contours[0].area() > 16.0, "area {}", contours[0].area());
+        }
+    }
+}

@@ -1,0 +1,6 @@
+//! Everything this crate promises, against truth.
+
+mod formats;
+mod frames;
+mod margins;
+mod real;
