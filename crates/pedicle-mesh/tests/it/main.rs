@@ -1,4 +1,5 @@
 //! Integration tests of pedicle-mesh.
 
 mod shapes;
+mod simplify;
 mod surface_index;
