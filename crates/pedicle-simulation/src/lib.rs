@@ -1,6 +1,7 @@
 //! Parametric lumbar phantom, deformations, noise and the scenarios of the published suite.
 
 mod error;
+mod grid;
 mod meshing;
 pub mod morphometry;
 mod parameters;

@@ -3,9 +3,8 @@
 //!     smin_k(a, b) = min(a, b) - h² k / 4,   h = max(k - |a - b|, 0) / k
 //!
 //! The blend is once differentiable and ends where the two differ by k, so parts that are farther
-//! apart than k keep their exact shape. An ellipsoid with semi-axes r has the first-order distance
-//! k₀ (k₀ - 1) / k₁ with k₀ = |x / r|, k₁ = |x / r²| (Taubin 1994; exact to first order at the
-//! surface).
+//! apart than k keep their exact shape. A level set h = 1 has the first-order distance
+//! (h - 1) / |∇h| (Taubin, ACM Trans. Graphics 13(1), 1994).
 
 use nalgebra::Vector3;
 
@@ -31,37 +30,24 @@ pub(crate) fn smooth_step(t: f64) -> f64 {
     s * s * (3.0 - 2.0 * s)
 }
 
-/// First-order distance to an ellipsoid (or, with a zero coordinate, to its section).
-pub(crate) fn ellipsoid(x: Vector3<f64>, radii: Vector3<f64>) -> f64 {
-    let scaled = x.component_div(&radii);
-    let k0 = scaled.norm();
-    let k1 = scaled.component_div(&radii).norm();
-    if k1 > 0.0 {
-        k0 * (k0 - 1.0) / k1
-    } else {
-        -radii.min()
-    }
-}
-
-/// A straight strut between two points with an elliptic section that changes along it and
-/// ellipsoidal ends.
+/// A straight bar between two points with a rounded rectangular section that changes along it and
+/// round ends. The corners have the radius of the smaller semi-axis, so a flat section is a plate
+/// with round edges.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Strut {
     start: Vector3<f64>,
     length: f64,
-    /// Unit vectors along the strut and along the two semi-axes of its section.
+    /// Unit vectors along the bar and along the two semi-axes of its section.
     along: Vector3<f64>,
     first: Vector3<f64>,
     second: Vector3<f64>,
     /// Semi-axes at the start and at the end.
     radii: [[f64; 2]; 2],
-    /// How far the ends bulge beyond the two points.
-    caps: [f64; 2],
 }
 
 impl Strut {
-    /// A strut from `start` to `end`; `first` is where the first semi-axis points (it is made
-    /// square to the strut), `radii` the two semi-axes at the start and at the end.
+    /// A bar from `start` to `end`; `first` is where the first semi-axis points (it is made
+    /// square to the bar), `radii` the two semi-axes at the start and at the end.
     pub(crate) fn new(
         [start, end]: [Vector3<f64>; 2],
         first: Vector3<f64>,
@@ -78,30 +64,35 @@ impl Strut {
             first,
             second: along.cross(&first),
             radii,
-            caps: radii.map(|[a, b]| a.min(b)),
         }
     }
 
-    /// First-order distance from `p`.
+    /// Distance from `p` (to first order where the section changes).
     pub(crate) fn distance(&self, p: &Vector3<f64>) -> f64 {
         let offset = p - self.start;
-        let t = (offset.dot(&self.along) / self.length).clamp(0.0, 1.0);
+        let run = offset.dot(&self.along);
         // The taper has no slope at the ends: the caps join without a crease.
-        let taper = smooth_step(t);
-        let mix = |a: f64, b: f64| a + (b - a) * taper;
-        let rest = offset - self.along * (t * self.length);
-        ellipsoid(
-            Vector3::new(
-                rest.dot(&self.first),
-                rest.dot(&self.second),
-                rest.dot(&self.along),
-            ),
-            Vector3::new(
-                mix(self.radii[0][0], self.radii[1][0]),
-                mix(self.radii[0][1], self.radii[1][1]),
-                mix(self.caps[0], self.caps[1]),
-            ),
-        )
+        let taper = smooth_step(run / self.length);
+        let radius = |i: usize| self.radii[0][i] + (self.radii[1][i] - self.radii[0][i]) * taper;
+        let (a, b) = (radius(0), radius(1));
+        let corner = a.min(b);
+        let beyond = |x: f64, half: f64| (x.abs() - (half - corner)).max(0.0);
+        let u = beyond(offset.dot(&self.first), a);
+        let v = beyond(offset.dot(&self.second), b);
+        let w = run - run.clamp(0.0, self.length);
+        (u * u + v * v + w * w).sqrt() - corner
+    }
+}
+
+/// First-order distance to an ellipse in the plane.
+pub(crate) fn ellipse(x: f64, y: f64, [a, b]: [f64; 2]) -> f64 {
+    let (u, v) = (x / a, y / b);
+    let k0 = f64::hypot(u, v);
+    let k1 = f64::hypot(u / a, v / b);
+    if k1 > 0.0 {
+        k0 * (k0 - 1.0) / k1
+    } else {
+        -a.min(b)
     }
 }
 
@@ -141,19 +132,6 @@ mod tests {
     }
 
     #[test]
-    fn a_ball_has_its_exact_distance() {
-        let radii = Vector3::repeat(3.0);
-        for x in [0.5, 1.0, 3.0, 7.0] {
-            let found = ellipsoid(Vector3::new(0.0, x, 0.0), radii);
-            assert!((found - (x - 3.0)).abs() < 1e-12, "at {x}: {found}");
-        }
-        assert!(
-            (ellipsoid(Vector3::zeros(), radii) + 3.0).abs() < 1e-12,
-            "at the centre"
-        );
-    }
-
-    #[test]
     fn a_strut_has_its_section_at_mid_length() {
         let strut = Strut::new(
             [Vector3::zeros(), Vector3::new(0.0, 20.0, 0.0)],
@@ -174,6 +152,10 @@ mod tests {
         for (x, y) in [(3.0, 0.0), (1.0, 1.0), (4.0, -3.0)] {
             let found = superellipse(x, y, [2.0, 2.0], 2.0);
             assert!((found - (f64::hypot(x, y) - 2.0)).abs() < 1e-12, "{found}");
+            assert!(
+                (ellipse(x, y, [2.0, 2.0]) - found).abs() < 1e-12,
+                "the ellipse agrees"
+            );
         }
     }
 }

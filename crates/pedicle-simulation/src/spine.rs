@@ -28,7 +28,8 @@ pub(crate) struct SpineShape {
     pub(crate) vertebrae: Vec<VertebraShape>,
     /// `spine_from_vertebra`, one a level.
     pub(crate) poses: Vec<Isometry3<f64>>,
-    lower_joints: Vec<[FacetJoint; 2]>,
+    /// Boxes that hold the bones with a margin, each in its own frame.
+    boxes: Vec<(Point3<f64>, Point3<f64>)>,
     gap_mm: f64,
 }
 
@@ -36,7 +37,7 @@ impl SpineShape {
     pub(crate) fn new(parameters: &PhantomParameters) -> Self {
         let poses = poses(parameters);
         let mut vertebrae = Vec::with_capacity(5);
-        let mut lower_joints = Vec::with_capacity(5);
+        let mut boxes = Vec::with_capacity(5);
         for level in Level::ALL {
             let index = level.index();
             let own = parameters.level(level);
@@ -51,18 +52,14 @@ impl SpineShape {
                 joints_of(own).map(|joint| joint.transformed(&below))
             };
             let phase = parameters.relief_phase_rad.map(|x| x + index as f64);
-            vertebrae.push(VertebraShape::new(
-                own,
-                &joints,
-                index,
-                (parameters.relief_mm, phase),
-            ));
-            lower_joints.push(joints);
+            let shape = VertebraShape::new(own, &joints, index, (parameters.relief_mm, phase));
+            boxes.push(shape.bounds(&joints));
+            vertebrae.push(shape);
         }
         Self {
             vertebrae,
             poses,
-            lower_joints,
+            boxes,
             gap_mm: parameters.facet_gap_mm,
         }
     }
@@ -80,26 +77,29 @@ impl SpineShape {
                 continue;
             };
             let q = self.poses[other].inverse_transform_point(&(self.poses[index] * p));
+            let (low, high) = &self.boxes[other];
+            if (0..3).any(|axis| q[axis] < low[axis] || q[axis] > high[axis]) {
+                continue;
+            }
             let clearance = 0.5 * (own - neighbour.distance(&q) + self.gap_mm);
-            g = smooth_intersection(g, clearance, 0.8);
+            g = smooth_intersection(g, clearance, 1.2);
         }
         g
     }
 
-    /// Gradient of [`Self::distance`] by central differences.
-    pub(crate) fn gradient(&self, level: Level, p: &Point3<f64>) -> Vector3<f64> {
-        const STEP_MM: f64 = 1e-4;
+    /// Gradient of [`Self::distance`], whose value at `p` is `f`, by one-sided differences.
+    pub(crate) fn gradient(&self, level: Level, p: &Point3<f64>, f: f64) -> Vector3<f64> {
+        const STEP_MM: f64 = 1e-6;
         Vector3::from_fn(|axis, _| {
-            let mut step = Vector3::zeros();
-            step[axis] = STEP_MM;
-            (self.distance(level, &(p + step)) - self.distance(level, &(p - step)))
-                / (2.0 * STEP_MM)
+            let mut moved = *p;
+            moved[axis] += STEP_MM;
+            (self.distance(level, &moved) - f) / STEP_MM
         })
     }
 
     /// A box that holds the bone of `level`, in its own frame.
     pub(crate) fn bounds(&self, level: Level) -> (Point3<f64>, Point3<f64>) {
-        self.vertebrae[level.index()].bounds(&self.lower_joints[level.index()])
+        self.boxes[level.index()]
     }
 
     /// First sign change of the field along a ray, refined by bisection; `None` within `reach`.

@@ -16,7 +16,7 @@ use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
 use crate::parameters::{LevelParameters, SideParameters};
 use crate::sdf::{
-    Strut, smooth_difference, smooth_intersection, smooth_step, smooth_union, superellipse,
+    Strut, ellipse, smooth_difference, smooth_intersection, smooth_step, smooth_union, superellipse,
 };
 
 /// The isthmus lies this far behind the back of the body, mm.
@@ -37,6 +37,11 @@ const ISTHMUS_REACH_MM: f64 = 3.6;
 const PEDICLE_REACH_MM: f64 = 13.0;
 /// Relative growth of the tube's semi-axes from the isthmus to its ends.
 const PEDICLE_FLARE: f64 = 0.42;
+
+/// Farther behind the body than this, its exact distance no longer matters, mm.
+const BODY_REACH_MM: f64 = 14.0;
+/// Farther in front of the body's back than this, the arch no longer matters, mm.
+const ARCH_REACH_MM: f64 = 8.0;
 
 /// Middle of a facet joint in the frame of a vertebra.
 #[derive(Debug, Clone, Copy)]
@@ -110,7 +115,7 @@ impl Pedicle {
         let s = (t / PEDICLE_REACH_MM).clamp(-1.0, 1.0);
         let flare = 1.0 + PEDICLE_FLARE * s * s;
         let [a, b] = self.radii;
-        let tube = superellipse(u, v, [a * flare, b * flare], 2.0);
+        let tube = ellipse(u, v, [a * flare, b * flare]);
         smooth_intersection(tube, t.abs() - PEDICLE_REACH_MM, 4.0)
     }
 
@@ -211,17 +216,15 @@ impl VertebraShape {
         for tube in tubes {
             f = smooth_union(f, tube, 4.0);
         }
-        let mut arch = f64::INFINITY;
-        for (strut, blend) in self.struts.iter().chain(&self.spinous) {
-            let d = strut.distance(&x);
-            arch = if arch.is_finite() {
-                smooth_union(arch, d, *blend)
-            } else {
-                d
-            };
+        // Far in front of the arch none of it matters.
+        if x.y < back_of_body(&self.parameters) + ARCH_REACH_MM {
+            let mut arch = ARCH_REACH_MM;
+            for (strut, blend) in self.struts.iter().chain(&self.spinous) {
+                arch = smooth_union(arch, strut.distance(&x), *blend);
+            }
+            f = smooth_union(f, arch, 3.5);
+            f = smooth_difference(f, self.canal(&x), 3.0);
         }
-        f = smooth_union(f, arch, 3.5);
-        f = smooth_difference(f, self.canal(&x), 2.0);
         f += self.relief(&x);
         for (pedicle, tube) in self.pedicles.iter().zip(tubes) {
             let w = pedicle.purity(p);
@@ -234,6 +237,10 @@ impl VertebraShape {
 
     fn body(&self, x: &Vector3<f64>) -> f64 {
         let p = &self.parameters;
+        let behind = back_of_body(p) - x.y;
+        if behind > BODY_REACH_MM {
+            return behind;
+        }
         let height = p.body_height_mm();
         let u = (2.0 * x.z / height).clamp(-1.0, 1.0);
         let share = 0.5 * (1.0 + u);
