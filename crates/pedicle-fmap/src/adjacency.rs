@@ -51,6 +51,14 @@ impl Adjacency {
         self.first.len() - 1
     }
 
+    /// Mean length of the edges.
+    pub(crate) fn mean_edge(&self) -> f64 {
+        if self.lengths.is_empty() {
+            return 0.0;
+        }
+        self.lengths.iter().sum::<f64>() / self.lengths.len() as f64
+    }
+
     /// The vertices that share an edge with `vertex`, ascending.
     pub(crate) fn neighbours(&self, vertex: usize) -> &[u32] {
         &self.neighbours[self.range(vertex)]
@@ -141,16 +149,23 @@ pub(crate) struct Components {
     pub(crate) sizes: Vec<usize>,
 }
 
-/// Distances in total order; they are never NaN.
-#[derive(PartialEq, PartialOrd)]
+/// A distance in total order; it is never NaN.
 struct Ordered(f64);
+
+impl PartialEq for Ordered {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other).is_eq()
+    }
+}
 
 impl Eq for Ordered {}
 
-#[expect(
-    clippy::derive_ord_xor_partial_ord,
-    reason = "total_cmp agrees with the derived order on numbers"
-)]
+impl PartialOrd for Ordered {
+    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
 impl Ord for Ordered {
     fn cmp(&self, other: &Self) -> std::cmp::Ordering {
         self.0.total_cmp(&other.0)

@@ -17,7 +17,7 @@
 use faer::Mat;
 
 use crate::{
-    FmapError, LaplacianMask, Shape, Side,
+    FitOptions, FmapError, LaplacianMask, Shape, Side,
     convert::{check_basis, functions},
     linear::{add_product, add_scaled, dot, product},
     map::{check_finite, check_size},
@@ -77,19 +77,6 @@ impl Default for OperatorColumns {
     }
 }
 
-/// What the energy is made of.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct EnergyOptions {
-    /// Weights of the terms.
-    pub weights: EnergyWeights,
-    /// Which pairs of modes the Laplacian term leaves alone; resolvent, γ = 0.5.
-    pub mask: LaplacianMask,
-    /// What the map does to the orientation; it is kept.
-    pub orientation: OrientationBehaviour,
-    /// Descriptors from which operators are made; 10, evenly spread.
-    pub operator_columns: OperatorColumns,
-}
-
 /// The weighted terms of the energy of one map.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EnergyTerms {
@@ -145,14 +132,16 @@ pub(crate) struct Commutator {
 impl Energy {
     /// Builds the energy of maps from the first `n_source` to the first `n_target` functions.
     ///
+    /// `tolerance` and `max_iterations` of the options are not used here.
+    ///
     /// # Errors
     /// [`FmapError`] if sizes do not fit, a number is not finite or an option makes no sense.
     pub fn new(
         source: &Shape<'_>,
         target: &Shape<'_>,
-        (n_target, n_source): (usize, usize),
-        options: &EnergyOptions,
+        options: &FitOptions,
     ) -> Result<Self, FmapError> {
+        let (n_target, n_source) = (options.n_target, options.n_source);
         check_shape(source, Side::Source, n_source)?;
         check_shape(target, Side::Target, n_target)?;
         check_size(
@@ -412,7 +401,7 @@ fn check_shape(shape: &Shape<'_>, side: Side, requested: usize) -> Result<(), Fm
     check_finite(descriptors, shape.descriptors)
 }
 
-fn check_options(options: &EnergyOptions) -> Result<(), FmapError> {
+fn check_options(options: &FitOptions) -> Result<(), FmapError> {
     let weights = &options.weights;
     let not_negative = [
         ("weights.laplacian", weights.laplacian),

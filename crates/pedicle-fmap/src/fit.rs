@@ -14,7 +14,8 @@
 use faer::{Mat, Side as Triangle, linalg::solvers::Llt, prelude::Solve};
 
 use crate::{
-    Energy, EnergyOptions, EnergyTerms, FmapError, FunctionalMap, Shape,
+    Energy, EnergyTerms, EnergyWeights, FmapError, FunctionalMap, LaplacianMask, OperatorColumns,
+    OrientationBehaviour, Shape,
     linear::{add_product, add_scaled, dot},
 };
 
@@ -25,8 +26,14 @@ pub struct FitOptions {
     pub n_source: usize,
     /// Number of functions of the target, 60.
     pub n_target: usize,
-    /// The energy.
-    pub energy: EnergyOptions,
+    /// Weights of the terms of the energy.
+    pub weights: EnergyWeights,
+    /// Which pairs of modes the Laplacian term leaves alone; resolvent, γ = 0.5.
+    pub mask: LaplacianMask,
+    /// What the map does to the orientation; it is kept.
+    pub orientation: OrientationBehaviour,
+    /// Descriptors from which operators are made; 10, evenly spread.
+    pub operator_columns: OperatorColumns,
     /// Norm of the gradient, relative to that at C = 0, at which the iteration ends, 1e-8.
     pub tolerance: f64,
     /// Largest number of conjugate gradient steps, 1000.
@@ -38,7 +45,10 @@ impl Default for FitOptions {
         Self {
             n_source: 60,
             n_target: 60,
-            energy: EnergyOptions::default(),
+            weights: EnergyWeights::default(),
+            mask: LaplacianMask::default(),
+            orientation: OrientationBehaviour::default(),
+            operator_columns: OperatorColumns::default(),
             tolerance: 1e-8,
             max_iterations: 1000,
         }
@@ -84,8 +94,7 @@ pub fn fit(source: &Shape<'_>, target: &Shape<'_>, options: &FitOptions) -> Resu
             requirement: "it must lie in (0, 1)",
         });
     }
-    let size = (options.n_target, options.n_source);
-    let energy = Energy::new(source, target, size, &options.energy)?;
+    let energy = Energy::new(source, target, options)?;
     minimize(&energy, options.tolerance, options.max_iterations)
 }
 

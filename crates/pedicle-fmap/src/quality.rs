@@ -15,7 +15,7 @@
 use nalgebra::Point3;
 use pedicle_mesh::TriMesh;
 
-use crate::{FmapError, PointMap, PointMapPair, adjacency::Adjacency, map::check_size};
+use crate::{FmapError, PointMap, PointMapPair, adjacency::Adjacency};
 
 /// How a map treats the edges of the target.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,31 +26,25 @@ pub struct Continuity {
     pub torn_share: f64,
 }
 
-/// Share of the source vertices that are some target vertex's image, 0 to 1.
-#[must_use]
-pub fn coverage(map: &PointMap) -> f64 {
-    let hit = hit_vertices(map);
-    if hit.is_empty() {
-        return 0.0;
-    }
-    hit.iter().filter(|&&h| h).count() as f64 / hit.len() as f64
-}
-
 /// Share of the area of the source whose vertices are some target vertex's image, 0 to 1.
 ///
+/// `source_areas` are the areas at the source vertices, such as the lumped mass of its basis.
+///
 /// # Errors
-/// [`FmapError`] if the map does not belong to the mesh.
-pub fn area_coverage(source: &TriMesh, map: &PointMap) -> Result<f64, FmapError> {
-    map.check_between(source.n_vertices(), map.n_target_vertices())?;
-    let areas = vertex_areas(source);
+/// [`FmapError`] if there is not one area per source vertex, or an image is out of range.
+pub fn coverage(map: &PointMap, source_areas: &[f64]) -> Result<f64, FmapError> {
+    map.check_between(source_areas.len(), map.n_target_vertices())?;
     let hit = hit_vertices(map);
-    let covered: f64 = areas
-        .iter()
-        .zip(&hit)
-        .filter(|&(_, &h)| h)
-        .map(|(area, _)| area)
-        .sum();
-    Ok(ratio(covered, areas.iter().sum()))
+    let pairs = source_areas.iter().zip(&hit);
+    let covered: f64 = pairs.filter(|&(_, &h)| h).map(|(area, _)| area).sum();
+    Ok(ratio(covered, source_areas.iter().sum()))
+}
+
+/// Share of the source vertices that are some target vertex's image, 0 to 1.
+#[must_use]
+pub fn vertex_coverage(map: &PointMap) -> f64 {
+    let hit = hit_vertices(map);
+    ratio(hit.iter().filter(|&&h| h).count() as f64, hit.len() as f64)
 }
 
 /// Mean distance of source vertices from where the two maps bring them back to, over √area.
@@ -138,7 +132,7 @@ pub(crate) fn distance(mesh: &TriMesh, a: usize, b: usize) -> f64 {
 }
 
 /// A third of the areas of the triangles at every vertex.
-fn vertex_areas(mesh: &TriMesh) -> Vec<f64> {
+pub(crate) fn vertex_areas(mesh: &TriMesh) -> Vec<f64> {
     let mut areas = vec![0.0; mesh.n_vertices()];
     for (face, corners) in mesh.faces().iter().enumerate() {
         let third = mesh.face_area(face) / 3.0;
@@ -175,9 +169,4 @@ fn ratio(numerator: f64, denominator: f64) -> f64 {
     } else {
         0.0
     }
-}
-
-/// Checks that a mesh has the vertices of a basis.
-pub(crate) fn check_mesh(what: &'static str, mesh: &TriMesh, n: usize) -> Result<(), FmapError> {
-    check_size(what, mesh.n_vertices(), n)
 }

@@ -16,7 +16,7 @@ use crate::{
     FmapError, FunctionalMap, PointMap, Side,
     convert::{check_basis, check_map, nearest_point_map, pulled_back},
     linear::nearest_orthogonal,
-    quality::coverage,
+    quality::vertex_coverage,
 };
 
 /// How far and in which steps ZoomOut goes.
@@ -149,6 +149,26 @@ pub fn spectral_icp(
     })
 }
 
+/// Rounds of spectral ICP from a point map; ends early when nothing changes.
+pub(crate) fn icp_rounds(
+    source: &LaplaceBasis,
+    target: &LaplaceBasis,
+    point_map: &PointMap,
+    (size, n_rounds): ((usize, usize), usize),
+) -> Result<PointMap, FmapError> {
+    let mut point_map = point_map.clone();
+    for _ in 0..n_rounds {
+        let pulled = pulled_back(source, target, &point_map, size);
+        let matrix = nearest_orthogonal(&pulled.matrix)?;
+        let next = nearest_point_map(source, target, &FunctionalMap { matrix });
+        if next == point_map {
+            break;
+        }
+        point_map = next;
+    }
+    Ok(point_map)
+}
+
 fn step_report(map: &FunctionalMap, now: &PointMap, before: Option<&PointMap>) -> SpectralStep {
     let changed = before.map_or(1.0, |before| {
         let pairs = now.source_of_target.iter().zip(&before.source_of_target);
@@ -157,7 +177,7 @@ fn step_report(map: &FunctionalMap, now: &PointMap, before: Option<&PointMap>) -
     SpectralStep {
         n_source: map.n_source(),
         n_target: map.n_target(),
-        coverage: coverage(now),
+        coverage: vertex_coverage(now),
         changed,
     }
 }
