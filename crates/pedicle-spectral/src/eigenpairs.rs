@@ -1,0 +1,224 @@
+//! Smallest eigenpairs of W x = λ M x.
+//!
+//! ```text
+//! W x_i = λ_i M x_i,   x_iᵀ M x_j = δ_ij,   λ_1 ≤ λ_2 ≤ … ≤ λ_k
+//! ```
+//!
+//! W is n × n, sparse, symmetric and positive semidefinite, M diagonal and positive. The matrix is
+//! split into its connected blocks; one shift μ with at least k eigenvalues below it is found by
+//! counting them; each block gives all its eigenpairs below μ; the k smallest of them are kept.
+
+use faer::Mat;
+use sprs::CsMat;
+
+use crate::block::{Block, BlockPairs};
+use crate::components::{check_pencil, connected_components};
+use crate::shift::find_shift;
+use crate::{EigenOptions, LaplaceBasis, SpectralError};
+
+/// Entries within this share of the largest one count as equally large when the sign is fixed.
+const SIGN_TIE: f64 = 1e-6;
+
+/// Eigenpairs with what is known of their quality.
+#[derive(Debug, Clone)]
+pub struct EigenPairs {
+    /// Eigenvalues in ascending order (for a Laplacian in mm: 1/mm²).
+    pub eigenvalues: Vec<f64>,
+    /// Eigenvectors, one a column, n × k, M-orthonormal. The first entry of (nearly) the largest
+    /// magnitude is positive.
+    pub eigenvectors: Mat<f64>,
+    /// ‖W x - λ M x‖ in the M⁻¹ norm, one a pair, in the unit of the eigenvalues.
+    pub residuals: Vec<f64>,
+    /// Number of leading eigenvalues that are exactly zero: connected blocks whose rows sum to 0.
+    pub null_dimension: usize,
+    /// The proof that no smaller eigenvalue is missing.
+    pub certificate: Certificate,
+    /// What it took.
+    pub work: Work,
+}
+
+/// Proof by inertia that the pairs are the smallest ones.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Certificate {
+    /// A shift μ above the last eigenvalue; infinite where all eigenvalues were computed.
+    pub shift: f64,
+    /// Number of eigenvalues below μ, from the signs of the pivots of W - μM.
+    pub n_below: usize,
+    /// Number of eigenpairs below μ that were computed; the returned ones are their smallest.
+    pub n_found: usize,
+    /// Whether the two agree, so that nothing is missing.
+    pub complete: bool,
+}
+
+/// What the computation took.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Work {
+    /// Number of connected blocks.
+    pub n_components: usize,
+    /// Number of shifts at which the eigenvalues were counted (one factorisation each).
+    pub n_shifts: usize,
+    /// Number of vectors multiplied by the inverse, in all blocks.
+    pub n_solves: usize,
+    /// Number of restarts, in all blocks.
+    pub n_restarts: usize,
+}
+
+/// The `n_pairs` smallest eigenpairs of W x = λ M x.
+///
+/// # Errors
+/// [`SpectralError`] for matrices that are not square, finite, symmetric and of the same size,
+/// masses that are not positive, more pairs than rows, options out of range, or no convergence.
+///
+/// ```
+/// use pedicle_spectral::{EigenOptions, smallest_eigenpairs};
+/// use sprs::TriMat;
+///
+/// // The path of three vertices has the eigenvalues 0, 1 and 3.
+/// let mut path = TriMat::new((3, 3));
+/// for (i, j, w) in [(0, 0, 1.0), (1, 1, 2.0), (2, 2, 1.0), (0, 1, -1.0), (1, 2, -1.0)] {
+///     path.add_triplet(i, j, w);
+///     if i != j {
+///         path.add_triplet(j, i, w);
+///     }
+/// }
+/// let pairs = smallest_eigenpairs(&path.to_csr(), &[1.0; 3], 2, &EigenOptions::default())?;
+/// assert!((pairs.eigenvalues[1] - 1.0).abs() < 1e-14);
+/// assert!(pairs.certificate.complete);
+/// # Ok::<(), pedicle_spectral::SpectralError>(())
+/// ```
+pub fn smallest_eigenpairs(
+    stiffness: &CsMat<f64>,
+    mass: &[f64],
+    n_pairs: usize,
+    options: &EigenOptions,
+) -> Result<EigenPairs, SpectralError> {
+    options.check()?;
+    check_pencil(stiffness, mass)?;
+    if n_pairs == 0 {
+        return Err(SpectralError::NoPairs);
+    }
+    if n_pairs > mass.len() {
+        return Err(SpectralError::TooManyPairs {
+            requested: n_pairs,
+            available: mass.len(),
+        });
+    }
+    let total_mass: f64 = mass.iter().sum();
+    let blocks = connected_components(stiffness, mass)
+        .into_iter()
+        .map(|component| {
+            // By Weyl's law a block has as large a share of the eigenvalues as of the mass.
+            let share = component.pencil.mass.iter().sum::<f64>() / total_mass;
+            Block::new(component, (share * n_pairs as f64).ceil() as usize)
+        })
+        .collect::<Result<Vec<_>, _>>()?;
+    let mut work = Work {
+        n_components: blocks.len(),
+        n_shifts: 0,
+        n_solves: 0,
+        n_restarts: 0,
+    };
+    let (shift, n_below, counts) = if blocks.iter().all(Block::is_dense) {
+        let counts = blocks.iter().map(|b| b.count_below(f64::INFINITY));
+        let counts = counts.collect::<Result<Vec<_>, _>>()?;
+        (f64::INFINITY, mass.len(), counts)
+    } else {
+        let found = find_shift(&blocks, n_pairs)?;
+        work.n_shifts = found.n_tried;
+        (found.shift, found.n_below, found.counts)
+    };
+    let mut parts = Vec::with_capacity(blocks.len());
+    for (block, count) in blocks.iter().zip(counts) {
+        parts.push(block.solve(count, shift, options)?);
+    }
+    for part in &parts {
+        work.n_solves += part.n_solves;
+        work.n_restarts += part.n_restarts;
+    }
+    let n_found = parts.iter().map(|p| p.eigenvalues.len()).sum();
+    let mut pairs = merge(&parts, mass.len(), n_pairs);
+    pairs.certificate = Certificate {
+        shift,
+        n_below,
+        n_found,
+        complete: n_below == n_found,
+    };
+    pairs.work = work;
+    let null_blocks = blocks.iter().filter(|b| b.pencil().annihilates_constants());
+    pairs.null_dimension = null_blocks.count().min(n_pairs);
+    Ok(pairs)
+}
+
+/// The smallest `n_functions` eigenfunctions as a basis.
+///
+/// # Errors
+/// Those of [`smallest_eigenpairs`].
+pub fn laplace_basis(
+    stiffness: &CsMat<f64>,
+    mass: &[f64],
+    n_functions: usize,
+    options: &EigenOptions,
+) -> Result<LaplaceBasis, SpectralError> {
+    let pairs = smallest_eigenpairs(stiffness, mass, n_functions, options)?;
+    Ok(LaplaceBasis {
+        eigenvalues: pairs.eigenvalues,
+        eigenfunctions: pairs.eigenvectors,
+        mass: mass.to_vec(),
+        null_dimension: pairs.null_dimension,
+    })
+}
+
+/// The smallest pairs of all blocks, extended by zero to all rows.
+fn merge(parts: &[BlockPairs], n: usize, n_pairs: usize) -> EigenPairs {
+    let mut order: Vec<(usize, usize)> = parts
+        .iter()
+        .enumerate()
+        .flat_map(|(part, pairs)| (0..pairs.eigenvalues.len()).map(move |column| (part, column)))
+        .collect();
+    // Equal eigenvalues stay in the order of the blocks.
+    order.sort_by(|a, b| parts[a.0].eigenvalues[a.1].total_cmp(&parts[b.0].eigenvalues[b.1]));
+    order.truncate(n_pairs);
+    let mut eigenvectors = Mat::zeros(n, order.len());
+    for (j, &(part, column)) in order.iter().enumerate() {
+        let part = &parts[part];
+        for (i, &row) in part.rows.iter().enumerate() {
+            eigenvectors[(row, j)] = part.vectors[(i, column)];
+        }
+    }
+    fix_signs(&mut eigenvectors);
+    EigenPairs {
+        eigenvalues: order
+            .iter()
+            .map(|&(p, c)| parts[p].eigenvalues[c])
+            .collect(),
+        residuals: order.iter().map(|&(p, c)| parts[p].residuals[c]).collect(),
+        eigenvectors,
+        null_dimension: 0,
+        certificate: Certificate {
+            shift: f64::INFINITY,
+            n_below: 0,
+            n_found: 0,
+            complete: false,
+        },
+        work: Work {
+            n_components: parts.len(),
+            n_shifts: 0,
+            n_solves: 0,
+            n_restarts: 0,
+        },
+    }
+}
+
+/// Makes the first entry of nearly the largest magnitude positive in every column.
+fn fix_signs(vectors: &mut Mat<f64>) {
+    for mut column in vectors.col_iter_mut() {
+        let largest = column.as_ref().iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+        let first = column
+            .as_ref()
+            .iter()
+            .find(|x| x.abs() >= (1.0 - SIGN_TIE) * largest);
+        if first.is_some_and(|&x| x < 0.0) {
+            column *= -1.0;
+        }
+    }
+}
