@@ -37,7 +37,7 @@ pub enum SimulationError {
     /// No grid of the ones tried gave one closed manifold surface.
     #[error(
         "the surface of {level} could not be meshed as one closed manifold: the last of {n_tried} \
-         grids, with cells of {cell_mm} mm, left {n_open_edges} unpaired edges, {n_pinched} \
+         grids, with cells of {cell_mm} mm, left {n_bad_edges} open or branching edges, {n_pinched} \
          pinched vertices, {n_inverted} turned faces and {n_components} components"
     )]
     NotManifold {
@@ -47,8 +47,8 @@ pub enum SimulationError {
         n_tried: usize,
         /// Cell size of the last grid, mm.
         cell_mm: f64,
-        /// Directed edges without exactly one opposite.
-        n_open_edges: usize,
+        /// Edges that do not have exactly two faces.
+        n_bad_edges: usize,
         /// Vertices whose faces form more than one fan.
         n_pinched: usize,
         /// Faces that look against the surface normal.

@@ -11,7 +11,10 @@
 use fast_surface_nets::ndshape::{RuntimeShape, Shape};
 use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
 use nalgebra::{Point3, Vector3};
-use pedicle_mesh::TriMesh;
+use pedicle_mesh::{
+    TriMesh, boundary_loops, connected_components, is_closed_manifold, non_manifold_edges,
+    non_manifold_vertices,
+};
 use pedicle_trajectory::Level;
 
 use crate::SimulationError;
@@ -66,11 +69,14 @@ pub(crate) fn mesh_vertebra(
     let mut last = Flaws::default();
     for _ in 0..MAX_GRIDS {
         let (mut points, faces) = extract(spine, level, cell_mm);
-        last = connectivity_flaws(points.len(), &faces);
-        if last == Flaws::NONE {
-            place_on_surface(spine, level, (&mut points, &faces), cell_mm);
-            last.n_inverted = count_inverted(spine, level, &points, &faces);
+        let net = TriMesh::new(points.clone(), faces.clone())?;
+        last = connectivity_flaws(&net);
+        if last != Flaws::NONE {
+            cell_mm *= REFINEMENT;
+            continue;
         }
+        place_on_surface(spine, level, (&mut points, &faces), cell_mm);
+        last.n_inverted = count_inverted(spine, level, &points, &faces);
         if last == Flaws::NONE {
             let pose = &spine.poses[level.index()];
             let vertices = points.iter().map(|p| pose * p).collect();
@@ -82,7 +88,7 @@ pub(crate) fn mesh_vertebra(
         level,
         n_tried: MAX_GRIDS,
         cell_mm: cell_mm / REFINEMENT,
-        n_open_edges: last.n_open_edges,
+        n_bad_edges: last.n_bad_edges,
         n_pinched: last.n_pinched,
         n_inverted: last.n_inverted,
         n_components: last.n_components,
@@ -197,7 +203,7 @@ fn place_on_surface(
 /// What keeps a surface from being one closed manifold that looks outwards.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 struct Flaws {
-    n_open_edges: usize,
+    n_bad_edges: usize,
     n_pinched: usize,
     n_inverted: usize,
     n_components: usize,
@@ -205,39 +211,25 @@ struct Flaws {
 
 impl Flaws {
     const NONE: Self = Self {
-        n_open_edges: 0,
+        n_bad_edges: 0,
         n_pinched: 0,
         n_inverted: 0,
         n_components: 1,
     };
 }
 
-fn connectivity_flaws(n_points: usize, faces: &[[u32; 3]]) -> Flaws {
-    let mut edges: Vec<(u32, u32)> = faces
-        .iter()
-        .flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)])
-        .collect();
-    edges.sort_unstable();
-    let repeated = edges.windows(2).filter(|w| w[0] == w[1]).count();
-    let lonely = edges
-        .iter()
-        .filter(|&&(a, b)| edges.binary_search(&(b, a)).is_err())
-        .count();
-
-    // The corners around a vertex form one fan if following the faces visits all of them.
-    let mut fans: Vec<Vec<(u32, u32)>> = vec![Vec::new(); n_points];
-    for &[a, b, c] in faces {
-        fans[a as usize].push((b, c));
-        fans[b as usize].push((c, a));
-        fans[c as usize].push((a, b));
-    }
-    let n_pinched = fans.iter().filter(|fan| !is_one_fan(fan)).count();
-
+fn connectivity_flaws(net: &TriMesh) -> Flaws {
+    let n_bad_edges = if is_closed_manifold(net) {
+        0
+    } else {
+        let open: usize = boundary_loops(net).iter().map(Vec::len).sum();
+        open + non_manifold_edges(net).len()
+    };
     Flaws {
-        n_open_edges: repeated + lonely,
-        n_pinched,
+        n_bad_edges,
+        n_pinched: non_manifold_vertices(net).len(),
         n_inverted: 0,
-        n_components: n_components(n_points, faces),
+        n_components: connected_components(net).n_components,
     }
 }
 
@@ -258,45 +250,4 @@ fn count_inverted(
         (b - a).cross(&(c - a)).dot(&outward) <= 0.0
     };
     faces.iter().filter(|face| inverted(face)).count()
-}
-
-fn is_one_fan(fan: &[(u32, u32)]) -> bool {
-    let Some(&(first, mut next)) = fan.first() else {
-        return false;
-    };
-    let mut visited = 1;
-    while next != first {
-        let Some(&(_, following)) = fan.iter().find(|(from, _)| *from == next) else {
-            return false;
-        };
-        next = following;
-        visited += 1;
-        if visited > fan.len() {
-            return false;
-        }
-    }
-    visited == fan.len()
-}
-
-fn n_components(n_points: usize, faces: &[[u32; 3]]) -> usize {
-    let mut parent: Vec<u32> = (0..n_points as u32).collect();
-    let mut count = n_points;
-    for &[a, b, c] in faces {
-        for (u, v) in [(a, b), (b, c)] {
-            let (ru, rv) = (root(&mut parent, u), root(&mut parent, v));
-            if ru != rv {
-                parent[ru.max(rv) as usize] = ru.min(rv);
-                count -= 1;
-            }
-        }
-    }
-    count
-}
-
-fn root(parent: &mut [u32], mut v: u32) -> u32 {
-    while parent[v as usize] != v {
-        parent[v as usize] = parent[parent[v as usize] as usize];
-        v = parent[v as usize];
-    }
-    v
 }

@@ -9,7 +9,7 @@ use pedicle_trajectory::{Landmark, Landmarks, Level, Plan, Side, Trajectory};
 
 use crate::meshing::mesh_vertebra;
 use crate::spine::SpineShape;
-use crate::{MeshingOptions, PhantomParameters, SimulationError};
+use crate::{MeshingOptions, PhantomParameters, SimulationError, SpineCase};
 
 /// Diameter of the planned screws where the pedicle is wide enough, mm (5 to 6 as published).
 const LARGEST_SCREW_MM: f64 = 6.0;
@@ -145,6 +145,12 @@ impl PedicleTruth {
         stepped.clamp(SMALLEST_SCREW_MM, LARGEST_SCREW_MM)
     }
 
+    /// Depth of the isthmus below the entry along the axis, mm.
+    #[must_use]
+    pub fn isthmus_depth_mm(&self) -> f64 {
+        (self.isthmus_center - self.entry).norm()
+    }
+
     /// The screw along the axis: 45 mm long, or shorter so that 5 mm of bone stay in front of it.
     #[must_use]
     pub fn trajectory(&self, level: Level) -> Trajectory {
@@ -170,6 +176,20 @@ impl Phantom {
                 .flat_map(|v| v.pedicles.map(|pedicle| pedicle.trajectory(v.level)))
                 .collect(),
         }
+    }
+
+    /// The phantom as a case to simulate with, simplified to `n_faces` faces in all (3 500 in the
+    /// suite `paper`).
+    ///
+    /// # Errors
+    /// [`SimulationError`] if the surfaces cannot be simplified that far.
+    pub fn spine_case(&self, n_faces: usize) -> Result<SpineCase, SimulationError> {
+        let surfaces = self
+            .vertebrae
+            .iter()
+            .map(|v| (v.level, v.mesh.clone()))
+            .collect();
+        SpineCase::from_surfaces(surfaces, &self.landmarks(), n_faces)
     }
 
     /// The tops of the spinous processes.

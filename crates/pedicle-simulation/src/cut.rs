@@ -1,0 +1,104 @@
+//! The cut of the partial scenarios: the front half of the spine is taken away.
+//!
+//! An open posterior approach exposes the back of every vertebra. The cut therefore follows the
+//! spine as a hand that selects the exposed half does, and not one flat plane, which in a lordotic
+//! spine would leave one vertebra whole and another empty: every vertebra is cut by a frontal
+//! plane of its own, square to its own anterior direction, where half of its surface lies behind
+//! it. All planes of a draw share an offset along the anterior direction, uniform in ±5 mm, and
+//! two tilts, about the left-right direction and about the spine, each uniform in ±10°.
+//!
+//! A face remains if all three corners are behind the plane. There are no new vertices, corners
+//! that no face uses are dropped, and fragments that come off stay, as they would in an open
+//! wound.
+
+use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
+use pedicle_mesh::{SubMesh, TriMesh};
+use rand::{Rng, RngExt};
+
+use crate::case::VertebraAxes;
+use crate::{CaseVertebra, SimulationError};
+
+/// Largest offset of the cut, mm.
+const LARGEST_OFFSET_MM: f64 = 5.0;
+/// Largest tilt of the cut about either direction, degrees.
+const LARGEST_TILT_DEG: f64 = 10.0;
+
+/// What the planes of one draw have in common.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Cut {
+    offset_mm: f64,
+    lean_rad: f64,
+    turn_rad: f64,
+}
+
+impl Cut {
+    pub(crate) fn draw(rng: &mut impl Rng) -> Self {
+        let tilt = LARGEST_TILT_DEG.to_radians();
+        Self {
+            offset_mm: rng.random_range(-LARGEST_OFFSET_MM..=LARGEST_OFFSET_MM),
+            lean_rad: rng.random_range(-tilt..=tilt),
+            turn_rad: rng.random_range(-tilt..=tilt),
+        }
+    }
+
+    /// What remains of a vertebra.
+    pub(crate) fn keep_back(
+        &self,
+        vertebra: &CaseVertebra,
+        axes: &VertebraAxes,
+    ) -> Result<SubMesh, SimulationError> {
+        let mesh = &vertebra.mesh;
+        let left = Unit::new_normalize(axes.up.cross(&axes.anterior));
+        let up = Unit::new_normalize(axes.up);
+        let normal = UnitQuaternion::from_axis_angle(&up, self.turn_rad)
+            * UnitQuaternion::from_axis_angle(&left, self.lean_rad)
+            * axes.anterior;
+        let point = half_area_point(mesh, &axes.anterior) + axes.anterior * self.offset_mm;
+        let behind: Vec<bool> = mesh
+            .vertices()
+            .iter()
+            .map(|p| (p - point).dot(&normal) <= 0.0)
+            .collect();
+        let kept: Vec<u32> = (0..mesh.n_faces() as u32)
+            .filter(|&face| {
+                mesh.faces()[face as usize]
+                    .iter()
+                    .all(|&v| behind[v as usize])
+            })
+            .collect();
+        if kept.is_empty() {
+            return Err(SimulationError::NothingLeft {
+                level: vertebra.level,
+                n_faces: mesh.n_faces(),
+                n_faces_left: 0,
+            });
+        }
+        Ok(mesh.submesh_of_faces(&kept)?)
+    }
+}
+
+/// The centroid, moved along `anterior` to where half of the surface lies behind.
+fn half_area_point(mesh: &TriMesh, anterior: &Vector3<f64>) -> Point3<f64> {
+    let centroid = mesh.centroid();
+    let mut slabs: Vec<(f64, f64)> = (0..mesh.n_faces())
+        .map(|face| {
+            let [a, b, c] = mesh.triangle(face);
+            let middle = (a.coords + b.coords + c.coords) / 3.0;
+            (
+                (middle - centroid.coords).dot(anterior),
+                mesh.face_area(face),
+            )
+        })
+        .collect();
+    slabs.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let half = 0.5 * mesh.area();
+    let mut behind = 0.0;
+    let middle = slabs
+        .iter()
+        .find(|(_, area)| {
+            behind += area;
+            behind >= half
+        })
+        .map_or(0.0, |slab| slab.0);
+    centroid + anterior * middle
+}
