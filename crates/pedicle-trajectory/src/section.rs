@@ -80,6 +80,14 @@ impl Contour {
         odd
     }
 
+    /// The least x at which the contour meets the line of the given y.
+    pub(crate) fn leftmost_at(&self, y: f64) -> Option<f64> {
+        self.edges()
+            .filter(|(a, b)| (a.y > y) != (b.y > y))
+            .map(|(a, b)| a.x + (y - a.y) / (b.y - a.y) * (b.x - a.x))
+            .min_by(f64::total_cmp)
+    }
+
     pub(crate) fn contains(&self, p: &Point2<f64>) -> bool {
         self.crosses_ray_to_the_right(p)
     }
@@ -115,6 +123,11 @@ impl Contour {
             }
         }
         if nearest.is_finite() { nearest } else { 0.0 }
+    }
+
+    /// Length of the chord through a point inside along a unit direction.
+    pub(crate) fn chord(&self, p: &Point2<f64>, direction: &Vector2<f64>) -> f64 {
+        self.reach(p, direction) + self.reach(p, &-direction)
     }
 }
 

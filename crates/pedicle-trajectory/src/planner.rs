@@ -1,0 +1,342 @@
+//! A simple planner: the screw that runs deepest through a pedicle.
+//!
+//!     maximise  -(1/k) log Σ_i w_i exp(-k d(x_i)) - p |slope|²
+//!
+//! over the two angles of the axis and the two offsets of the place where it crosses the
+//! isthmus; d depth below the surface at points x_i from behind the pedicle to the tip, w_i small
+//! behind the pedicle, where a screw may show. Then the thickest screw of the catalogue that fills no
+//! more than its share of the isthmus and keeps its clearance. Lengths in mm.
+
+use nalgebra::{Point3, Vector3};
+use pedicle_mesh::{SurfaceIndex, TriMesh};
+
+use crate::check::{CheckOptions, TrajectoryCheck, check_trajectory};
+use crate::depth::depth_mm;
+use crate::search::climb;
+use crate::{
+    AnatomicalFrame, AnatomyError, Level, Pedicle, PedicleOptions, Plan, Side, Trajectory,
+    anatomical_frames, measure_pedicle,
+};
+
+/// What to do with a pedicle too narrow for the catalogue.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum NarrowPedicle {
+    /// Take the thinnest screw if it stays inside the bone; fill and clearance then fall short.
+    TakeThinnest,
+    /// Give an error.
+    Refuse,
+}
+
+/// What the planner aims at.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlannerOptions {
+    /// Screw diameters to choose from, mm. Default 4.0 to 7.5 in steps of 0.5.
+    pub diameters_mm: Vec<f64>,
+    /// Largest part of the width of the isthmus that a screw fills. Default 0.8.
+    pub max_fill: f64,
+    /// Least distance from the screw's wall to the cortex, mm. Default 1.5.
+    pub min_clearance_mm: f64,
+    /// Distance from entry to tip, mm; shorter where the body is. Default 40.
+    pub length_mm: f64,
+    /// Least distance from the tip to the surface of the body, mm. Default 4.
+    pub tip_margin_mm: f64,
+    /// What to do with a pedicle too narrow for the catalogue. Default: the thinnest screw.
+    pub narrow_pedicle: NarrowPedicle,
+}
+
+impl Default for PlannerOptions {
+    fn default() -> Self {
+        Self {
+            diameters_mm: (8..=15).map(|half| 0.5 * f64::from(half)).collect(),
+            max_fill: 0.8,
+            min_clearance_mm: 1.5,
+            length_mm: 40.0,
+            tip_margin_mm: 4.0,
+            narrow_pedicle: NarrowPedicle::TakeThinnest,
+        }
+    }
+}
+
+/// Why there is no plan.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum PlannerError {
+    /// The spine's directions were not found.
+    #[error("the spine has no anatomical frames: {0}")]
+    Frames(AnatomyError),
+    /// The pedicle was not found.
+    #[error("{level} {side}: {source}")]
+    Anatomy {
+        /// Level of the vertebra.
+        level: Level,
+        /// Side of the pedicle.
+        side: Side,
+        /// What was missing.
+        source: AnatomyError,
+    },
+    /// The catalogue is empty or holds a diameter that no screw has.
+    #[error("the catalogue of {n_diameters} diameters has none between 0 and 20 mm")]
+    Catalogue {
+        /// Number of diameters given.
+        n_diameters: usize,
+    },
+    /// No way in or no room for the tip.
+    #[error("{level} {side}: a line through the pedicle finds no {what}")]
+    NoRoom {
+        /// Level of the vertebra.
+        level: Level,
+        /// Side of the pedicle.
+        side: Side,
+        /// What is missing.
+        what: &'static str,
+    },
+    /// The pedicle is too narrow for the thinnest screw.
+    #[error(
+        "{level} {side}: the pedicle is {width_mm:.1} mm wide, and a {diameter_mm} mm screw leaves {clearance_mm:.2} mm to the cortex"
+    )]
+    TooNarrow {
+        /// Level of the vertebra.
+        level: Level,
+        /// Side of the pedicle.
+        side: Side,
+        /// Width of the isthmus, mm.
+        width_mm: f64,
+        /// Diameter of the thinnest screw, mm.
+        diameter_mm: f64,
+        /// Least clearance it has, mm; negative if it breaches.
+        clearance_mm: f64,
+    },
+}
+
+/// Plans both pedicles of every vertebra given.
+///
+/// # Errors
+/// [`PlannerError`] naming the first level and side that cannot be planned.
+pub fn plan_spine(
+    vertebrae: &[(Level, &TriMesh)],
+    options: &PlannerOptions,
+) -> Result<Plan, PlannerError> {
+    let frames = anatomical_frames(vertebrae).map_err(PlannerError::Frames)?;
+    let mut trajectories = Vec::with_capacity(2 * vertebrae.len());
+    for ((level, mesh), frame) in vertebrae.iter().zip(&frames) {
+        let index = SurfaceIndex::new(mesh).map_err(|e| PlannerError::Frames(e.into()))?;
+        for side in Side::ALL {
+            let pedicle = measure_pedicle(mesh, &index, frame, side, &PedicleOptions::default())
+                .map_err(|source| PlannerError::Anatomy {
+                    level: *level,
+                    side,
+                    source,
+                })?;
+            trajectories.push(plan_pedicle(&index, &pedicle, frame, *level, options)?);
+        }
+    }
+    Ok(Plan { trajectories })
+}
+
+/// Plans one screw through a measured pedicle.
+///
+/// # Errors
+/// [`PlannerError`] if the catalogue is empty, no line through the pedicle has an entry and room
+/// for a tip, or the pedicle is too narrow.
+pub fn plan_pedicle(
+    index: &SurfaceIndex,
+    pedicle: &Pedicle,
+    frame: &AnatomicalFrame,
+    level: Level,
+    options: &PlannerOptions,
+) -> Result<Trajectory, PlannerError> {
+    let side = pedicle.side;
+    let planner = Planner {
+        index,
+        pedicle,
+        frame,
+        options,
+    };
+    let mut diameters: Vec<f64> = options.diameters_mm.clone();
+    diameters.retain(|d| *d > 0.0 && *d <= crate::MAX_DIAMETER_MM);
+    diameters.sort_by(f64::total_cmp);
+    let Some(&thinnest) = diameters.first() else {
+        return Err(PlannerError::Catalogue {
+            n_diameters: options.diameters_mm.len(),
+        });
+    };
+    let line = planner.best_line();
+    let (entry_mm, tip_mm) =
+        planner
+            .ends(&line)
+            .map_err(|what| PlannerError::NoRoom { level, side, what })?;
+    let with = |diameter_mm: f64| Trajectory {
+        level,
+        side,
+        entry_mm,
+        tip_mm,
+        diameter_mm,
+    };
+    let fits = |diameter_mm: &&f64| {
+        **diameter_mm <= options.max_fill * pedicle.width_mm
+            && planner
+                .check(&with(**diameter_mm))
+                .is_some_and(|c| c.valid && c.min_clearance_mm() >= options.min_clearance_mm)
+    };
+    if let Some(&diameter) = diameters.iter().rev().find(fits) {
+        return Ok(with(diameter));
+    }
+    let check = planner.check(&with(thinnest));
+    let inside = check.as_ref().is_some_and(|c| c.valid);
+    if inside && options.narrow_pedicle == NarrowPedicle::TakeThinnest {
+        return Ok(with(thinnest));
+    }
+    Err(PlannerError::TooNarrow {
+        level,
+        side,
+        width_mm: pedicle.width_mm,
+        diameter_mm: thinnest,
+        clearance_mm: check.map_or(f64::NEG_INFINITY, |c| c.min_clearance_mm()),
+    })
+}
+
+struct Planner<'a> {
+    index: &'a SurfaceIndex,
+    pedicle: &'a Pedicle,
+    frame: &'a AnatomicalFrame,
+    options: &'a PlannerOptions,
+}
+
+/// An axis: where it crosses the isthmus and its direction.
+#[derive(Debug, Clone, Copy)]
+struct Axis {
+    at_isthmus: Point3<f64>,
+    direction: Vector3<f64>,
+}
+
+/// Depth that a slope against the end plates must gain: its square times this, mm.
+const SLOPE_PENALTY_MM: f64 = 6.0;
+/// Depth that a change of the medial angle must gain: its tangent's square times this, mm.
+const CONVERGENCE_PENALTY_MM: f64 = 3.0;
+/// Sharpness of the soft minimum, 1/mm.
+const SOFTNESS_PER_MM: f64 = 3.0;
+/// Behind the pedicle this much less depth is as good, mm: the screw may show there.
+const ENTRY_BONUS_MM: f64 = 3.0;
+/// Spacing of the points whose depth counts, mm.
+const SPACING_MM: f64 = 1.5;
+/// First and last step of the search; lengths in mm, slopes in tenths.
+const SEARCH_STEPS: (f64, f64) = (1.0, 0.02);
+/// One unit of the search in slope.
+const SLOPE_UNIT: f64 = 0.1;
+/// Medial angles from which the search starts, as tangents relative to the pedicle's axis.
+const START_CONVERGENCES: [f64; 3] = [0.0, 0.15, 0.3];
+/// Longest way from the isthmus back to the entry, mm.
+const MAX_WAY_BACK_MM: f64 = 40.0;
+/// Part of the way behind the pedicle in which the depth does not count, mm.
+const ENTRY_MM: f64 = 4.0;
+
+impl Planner<'_> {
+    fn check(&self, trajectory: &Trajectory) -> Option<TrajectoryCheck> {
+        let options = CheckOptions::default();
+        check_trajectory(trajectory, self.index, self.pedicle, self.frame, &options).ok()
+    }
+
+    fn medial(&self) -> Vector3<f64> {
+        -self.frame.left * self.pedicle.side.sign()
+    }
+
+    /// Offsets in the isthmus along width and height, mm; slopes medially and upwards.
+    fn axis_of(&self, v: &[f64; 4]) -> Axis {
+        let pedicle = self.pedicle;
+        let height_direction = pedicle.axis.cross(&pedicle.width_direction);
+        let direction = pedicle.axis
+            + self.medial() * (v[2] * SLOPE_UNIT)
+            + self.frame.up * (v[3] * SLOPE_UNIT);
+        Axis {
+            at_isthmus: pedicle.isthmus_center_mm
+                + pedicle.width_direction * v[0]
+                + height_direction * v[1],
+            direction: direction.normalize(),
+        }
+    }
+
+    fn best_line(&self) -> Axis {
+        let mut best: Option<(f64, [f64; 4])> = None;
+        for convergence in START_CONVERGENCES {
+            let start = [0.0, 0.0, convergence / SLOPE_UNIT, 0.0];
+            let found = climb(start, SEARCH_STEPS, |v| self.score(&self.axis_of(v)));
+            if best.is_none_or(|(b, _)| found.0 > b) {
+                best = Some(found);
+            }
+        }
+        self.axis_of(&best.map_or([0.0; 4], |(_, v)| v))
+    }
+
+    fn score(&self, axis: &Axis) -> f64 {
+        let Ok((entry, tip)) = self.ends(axis) else {
+            return f64::NEG_INFINITY;
+        };
+        let back = (entry - axis.at_isthmus).norm();
+        let ahead = (tip - axis.at_isthmus).norm();
+        let start = (ENTRY_MM - back).min(-self.pedicle.behind_mm);
+        let n = ((ahead - start) / SPACING_MM).max(1.0) as usize;
+        let mut sum = 0.0;
+        for k in 0..=n {
+            let s = start + k as f64 * SPACING_MM;
+            let depth = depth_mm(self.index, &(axis.at_isthmus + axis.direction * s));
+            let depth = depth.min(self.enough_mm());
+            let bonus = if s < -self.pedicle.behind_mm {
+                ENTRY_BONUS_MM
+            } else {
+                0.0
+            };
+            sum += (-SOFTNESS_PER_MM * (depth + bonus)).exp();
+        }
+        let forward = axis.direction.dot(&self.frame.anterior);
+        let slope = axis.direction.dot(&self.frame.up) / forward;
+        let turn = axis.direction.dot(&self.medial()) / forward
+            - self.pedicle.axis.dot(&self.medial()) / self.pedicle.axis.dot(&self.frame.anterior);
+        let shortfall = (self.options.length_mm - back - ahead).max(0.0);
+        -sum.ln() / SOFTNESS_PER_MM
+            - SLOPE_PENALTY_MM * slope * slope
+            - CONVERGENCE_PENALTY_MM * turn * turn
+            - SHORTFALL_WEIGHT * shortfall
+    }
+
+    /// Depth beyond which more is no better: the thickest screw with twice its clearance.
+    fn enough_mm(&self) -> f64 {
+        let thickest = self
+            .options
+            .diameters_mm
+            .iter()
+            .copied()
+            .fold(0.0, f64::max);
+        0.5 * thickest + 2.0 * self.options.min_clearance_mm
+    }
+
+    /// Entry on the surface behind and tip in the body, or what is missing.
+    fn ends(&self, axis: &Axis) -> Result<(Point3<f64>, Point3<f64>), &'static str> {
+        let (at, d) = (axis.at_isthmus, axis.direction);
+        let back = self
+            .index
+            .cast_ray(&at, &-d, MAX_WAY_BACK_MM)
+            .filter(|hit| hit.distance_mm > self.pedicle.behind_mm + ENTRY_MM)
+            .ok_or("entry behind it")?;
+        let wall = self
+            .index
+            .cast_ray(&at, &d, 2.0 * self.options.length_mm)
+            .ok_or("wall in front of it")?;
+        let least = self.pedicle.ahead_mm;
+        let most = wall.distance_mm - self.options.tip_margin_mm;
+        let mut ahead = most.min(self.options.length_mm - back.distance_mm);
+        // The wall straight ahead is not always the nearest.
+        while ahead > least && depth_mm(self.index, &(at + d * ahead)) < self.options.tip_margin_mm
+        {
+            ahead -= TIP_STEP_MM;
+        }
+        if ahead <= least {
+            return Err("room for a tip in the body");
+        }
+        Ok((back.point, at + d * ahead))
+    }
+}
+
+/// Clearance worth giving up for a millimetre of length.
+const SHORTFALL_WEIGHT: f64 = 0.05;
+/// Step by which the tip is drawn back, mm.
+const TIP_STEP_MM: f64 = 0.5;
