@@ -7,8 +7,11 @@
 use nalgebra::{Point3, Vector3};
 
 use crate::TriMesh;
-use crate::measures::{is_degenerate, smallest_corner_angle};
+use crate::measures::smallest_corner_angle;
 use crate::topology::is_proper;
+
+/// Below this corner angle (about 3°) the direction of a face says little about the surface.
+const SLIVER_ANGLE_RAD: f64 = 0.05;
 
 /// One local change.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -98,30 +101,31 @@ impl EditMesh {
         (before, after)
     }
 
-    /// Whether no face turns further than the angle with cosine `min_cos`. A new face is held
-    /// against the face it comes from, in a flip against both; faces without area pass, having no
-    /// direction.
+    /// Whether no new face turns from the surface before by more than the angle with cosine
+    /// `min_cos`.
+    ///
+    /// After a flip, and for a face that was a sliver and had hardly a direction of its own, the
+    /// surface before is the mean of all faces concerned by area; otherwise it is the face that
+    /// the new one comes from.
     pub(crate) fn keeps_normals(&self, change: Change, effect: &Effect, min_cos: f64) -> bool {
-        let normal = |corners: &[u32; 3]| {
-            let points = self.points(corners);
-            let [a, b, c] = points;
-            (!is_degenerate(&points)).then(|| (b - a).cross(&(c - a)).normalize())
-        };
-        let agree = |old: Option<Vector3<f64>>, new: Option<Vector3<f64>>| match (old, new) {
-            (Some(old), Some(new)) => old.dot(&new) >= min_cos,
-            _ => true,
+        let scaled_normal = |corners: &[u32; 3]| {
+            let [a, b, c] = self.points(corners);
+            (b - a).cross(&(c - a))
         };
         let before: Vec<[u32; 3]> = effect.before.iter().filter_map(|&f| self.face(f)).collect();
+        let mean: Vector3<f64> = before.iter().map(scaled_normal).sum();
+        let agree = |old: Vector3<f64>, new: &[u32; 3]| {
+            let new = scaled_normal(new);
+            // A direction of zero length agrees with every other.
+            old.dot(&new) >= min_cos * old.norm() * new.norm()
+        };
         match change {
-            Change::Flip { .. } => effect.after.iter().all(|new| {
-                let new = normal(new);
-                before.iter().all(|old| agree(normal(old), new))
-            }),
-            Change::Collapse { from, to } => {
+            Change::Flip { .. } => effect.after.iter().all(|new| agree(mean, new)),
+            Change::Collapse { to, .. } => {
                 let moved = before.iter().filter(|old| !old.contains(&to));
                 moved.zip(&effect.after).all(|(old, new)| {
-                    debug_assert!(old.contains(&from), "faces of a collapse have its vertex");
-                    agree(normal(old), normal(new))
+                    let is_sliver = smallest_corner_angle(&self.points(old)) < SLIVER_ANGLE_RAD;
+                    agree(if is_sliver { mean } else { scaled_normal(old) }, new)
                 })
             }
         }
@@ -220,7 +224,7 @@ impl EditMesh {
     }
 
     /// Neighbours of a vertex, increasing.
-    fn neighbors(&self, vertex: u32) -> Vec<u32> {
+    pub(crate) fn neighbors(&self, vertex: u32) -> Vec<u32> {
         let faces = &self.faces_of_vertex[vertex as usize];
         let corners = faces.iter().filter_map(|&face| self.face(face)).flatten();
         let mut neighbors: Vec<u32> = corners.filter(|&v| v != vertex).collect();

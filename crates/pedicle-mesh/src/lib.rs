@@ -2,6 +2,7 @@
 //!
 //! Lengths are in the unit of the file; the rest of the workspace reads them as millimetres.
 
+mod collapse;
 mod defects;
 mod edit;
 mod error;
@@ -9,6 +10,7 @@ pub mod io;
 mod measures;
 mod repair;
 mod simplify;
+mod slivers;
 mod surface_index;
 pub mod topology;
 mod trimesh;
@@ -21,7 +23,7 @@ pub use io::{
 };
 pub use measures::{EdgeLengths, angle_weighted_normals, edge_lengths, smallest_angle_rad, volume};
 pub use repair::{RepairOptions, RepairReport, repair};
-pub use simplify::{FaceShare, Simplified, SimplifyOptions, simplify};
+pub use simplify::{FaceShare, Simplified, SimplifyOptions, Spacing, simplify};
 pub use surface_index::{RayHit, SurfaceIndex, SurfacePoint};
 pub use topology::{
     Components, VertexAdjacency, boundary_loops, connected_components, euler_characteristic, genus,

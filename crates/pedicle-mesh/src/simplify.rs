@@ -9,26 +9,20 @@
 //! Afterwards slivers are flipped or collapsed away, and where meshopt pinched a manifold surface
 //! the place is held and the component is done again.
 
-use meshopt::{SimplifyOptions as MeshoptOptions, SimplifyVertex, simplify_with_locks_decoder};
+use meshopt::SimplifyOptions as MeshoptOptions;
 
-use crate::edit::{Change, EditMesh, Effect, compacted};
-use crate::measures::{smallest_angle_rad, smallest_corner_angle};
-use crate::topology::{
-    by_edge, connected_components, edge_uses, is_proper, vertex_adjacency, vertices_of_several_fans,
-};
+use crate::collapse::{Attempt, Collapser};
+use crate::edit::{EditMesh, compacted};
+use crate::measures::smallest_angle_rad;
+use crate::slivers::{BAD_ANGLE_RAD, remove_slivers};
+use crate::topology::{connected_components, is_proper};
 use crate::{MeshError, TriMesh};
 
 /// No closed surface has fewer faces than a tetrahedron.
 const MIN_TARGET: usize = 4;
 
-/// How often a component is done again with pinched places held.
-const MAX_RETRIES: usize = 12;
-
-/// Passes over the slivers of a component.
-const MAX_SLIVER_PASSES: usize = 12;
-
-/// Cosine of the angle (about 25°) by which removing a sliver may turn a face.
-const MIN_COS_OF_TURN: f64 = 0.9;
+/// How often meshopt is asked again for the faces that slivers took.
+const MAX_ATTEMPTS: usize = 4;
 
 /// How the faces of the target are dealt out to the components.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -40,11 +34,32 @@ pub enum FaceShare {
     FaceCount,
 }
 
+/// How the remaining vertices spread.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Spacing {
+    /// Evenly, for well-shaped faces: operators and maps between surfaces like them.
+    #[default]
+    Even,
+    /// Denser where the surface is curved: about a quarter closer to it with as many faces.
+    Adaptive,
+}
+
+impl Spacing {
+    pub(crate) fn for_meshopt(self) -> MeshoptOptions {
+        match self {
+            Self::Even => MeshoptOptions::Regularize,
+            Self::Adaptive => MeshoptOptions::RegularizeLight,
+        }
+    }
+}
+
 /// How to simplify.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimplifyOptions {
     /// How the faces of the target are dealt out to the components. Default: by area.
     pub share: FaceShare,
+    /// How the remaining vertices spread. Default: evenly.
+    pub spacing: Spacing,
     /// No component is taken below this many faces; smaller ones stay as they are. Default: 24.
     pub min_faces_per_component: usize,
     /// Faces with a smaller corner angle, radians, are flipped or collapsed away where the
@@ -59,6 +74,7 @@ impl Default for SimplifyOptions {
     fn default() -> Self {
         Self {
             share: FaceShare::Area,
+            spacing: Spacing::Even,
             min_faces_per_component: 24,
             sliver_angle_rad: 0.14,
             max_error_mm: None,
@@ -227,6 +243,8 @@ fn round_to_sum(shares: &[(usize, f64)], sum: usize, dealt: &mut [Option<usize>]
 }
 
 /// Simplifies one connected component; faces are in its own indices.
+///
+/// Collapsing slivers takes faces beyond the target, so meshopt is asked again for as many more.
 fn simplify_component(
     mesh: &TriMesh,
     target: usize,
@@ -236,169 +254,36 @@ fn simplify_component(
     if mesh.n_faces() <= target {
         return mesh.faces().to_vec();
     }
-    let scaled = ScaledForMeshopt::new(mesh);
-    let before = Surface::of(mesh.faces(), mesh.n_vertices());
-    let mut locks = vec![SimplifyVertex::None; mesh.n_vertices()];
-    let (mut faces, mut error_mm) = scaled.simplify(mesh, &locks, target, options);
-    if before.is_manifold {
-        let adjacency = vertex_adjacency(mesh);
-        for retry in 0.. {
-            let pinched = pinched_vertices(&faces, mesh.n_vertices(), before.is_closed);
-            if pinched.is_empty() {
-                break;
-            }
-            if retry == MAX_RETRIES {
-                summary.n_pinched_components += 1;
-                break;
-            }
-            // The pinched vertices and what lies around them in the original stay.
-            for v in pinched {
-                locks[v as usize] = SimplifyVertex::Lock;
-                for &neighbor in adjacency.of(v) {
-                    locks[neighbor as usize] = SimplifyVertex::Lock;
-                }
-            }
-            (faces, error_mm) = scaled.simplify(mesh, &locks, target, options);
-        }
-    }
-    summary.estimated_error_mm = summary.estimated_error_mm.max(error_mm);
-    let mut edit = EditMesh::new(mesh.vertices().to_vec(), &faces);
-    summary.n_sliver_changes += remove_slivers(&mut edit, options);
-    edit.remaining_faces()
-}
-
-/// Positions as meshopt wants them: f32, centred, largest extent 1.
-struct ScaledForMeshopt {
-    positions: Vec<[f32; 3]>,
-    extent: f64,
-}
-
-impl ScaledForMeshopt {
-    fn new(mesh: &TriMesh) -> Self {
-        let (low, high) = mesh.bounding_box();
-        let center = nalgebra::center(&low, &high);
-        let extent = (high - low).amax();
-        // A component whose vertices all coincide has no extent; any scale will do.
-        let scale = if extent > 0.0 { 1.0 / extent } else { 1.0 };
-        let positions = mesh.vertices().iter().map(|p| {
-            let q = (p - center) * scale;
-            [q.x as f32, q.y as f32, q.z as f32]
+    // Slivers of the input go first, while there is room around them: left in the narrow throat
+    // of a handle they could not be removed without closing it.
+    let mut edit = EditMesh::new(mesh.vertices().to_vec(), mesh.faces());
+    let n_cleaned = remove_slivers(&mut edit, options.sliver_angle_rad.min(BAD_ANGLE_RAD));
+    let cleaned = edit.remaining_faces();
+    let collapser = Collapser::new(mesh.vertices(), &cleaned);
+    let mut best: Option<Attempt> = None;
+    let mut asked = target.min(cleaned.len());
+    for _ in 0..MAX_ATTEMPTS {
+        let attempt = collapser.attempt(asked, options);
+        let n_faces = attempt.faces.len();
+        let is_better = best.as_ref().is_none_or(|best| {
+            let key = |a: &Attempt| (a.is_pinched, a.faces.len().abs_diff(target));
+            key(&attempt) < key(best)
         });
-        Self {
-            positions: positions.collect(),
-            extent,
+        if is_better {
+            best = Some(attempt);
         }
-    }
-
-    fn simplify(
-        &self,
-        mesh: &TriMesh,
-        locks: &[SimplifyVertex],
-        target: usize,
-        options: &SimplifyOptions,
-    ) -> (Vec<[u32; 3]>, f64) {
-        let max_error = match options.max_error_mm {
-            Some(max_error_mm) if self.extent > 0.0 => max_error_mm / self.extent,
-            // Far above any error on a mesh of extent 1, and its square is still finite in f32.
-            _ => 1e6,
-        };
-        let mut error = 0.0;
-        let indices = simplify_with_locks_decoder(
-            mesh.faces().as_flattened(),
-            &self.positions,
-            locks,
-            3 * target,
-            max_error.clamp(0.0, 1e6) as f32,
-            MeshoptOptions::Regularize,
-            Some(&mut error),
-        );
-        let faces = indices.as_chunks::<3>().0.to_vec();
-        (faces, f64::from(error) * self.extent)
-    }
-}
-
-/// What a component was before, and should be after.
-struct Surface {
-    is_manifold: bool,
-    is_closed: bool,
-}
-
-impl Surface {
-    fn of(faces: &[[u32; 3]], n_vertices: usize) -> Self {
-        let uses = edge_uses(faces);
-        Self {
-            is_manifold: pinched_vertices(faces, n_vertices, false).is_empty(),
-            is_closed: by_edge(&uses).all(|uses| uses.len() > 1),
-        }
-    }
-}
-
-/// Vertices at which the faces are not a manifold, or not closed where they should be. Sorted.
-fn pinched_vertices(faces: &[[u32; 3]], n_vertices: usize, is_closed: bool) -> Vec<u32> {
-    let uses = edge_uses(faces);
-    let mut pinched: Vec<u32> = by_edge(&uses)
-        .filter(|uses| uses.len() > 2 || is_closed && uses.len() < 2)
-        .flat_map(|uses| uses[0].edge)
-        .chain(vertices_of_several_fans(faces, n_vertices))
-        .collect();
-    pinched.sort_unstable();
-    pinched.dedup();
-    pinched
-}
-
-/// Flips and collapses edges of slivers while that makes the worst angle around them better.
-fn remove_slivers(edit: &mut EditMesh, options: &SimplifyOptions) -> usize {
-    let mut n_changes = 0;
-    for _ in 0..MAX_SLIVER_PASSES {
-        let angle = |edit: &EditMesh, face: u32| {
-            let corners = edit.face(face)?;
-            let angle = smallest_corner_angle(&edit.points(&corners));
-            (angle < options.sliver_angle_rad).then_some(angle)
-        };
-        let mut slivers: Vec<(f64, u32)> = (0..edit.n_face_slots() as u32)
-            .filter_map(|face| Some((angle(edit, face)?, face)))
-            .collect();
-        slivers.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let mut n_in_pass = 0;
-        for (_, face) in slivers {
-            // An earlier change may have dealt with it.
-            if angle(edit, face).is_some()
-                && let Some(effect) = best_change(edit, face)
-            {
-                edit.apply(&effect);
-                n_in_pass += 1;
-            }
-        }
-        n_changes += n_in_pass;
-        if n_in_pass == 0 {
+        // Closed surfaces have an even number of faces, so one off is as good as it gets; more
+        // than the target means that the topology forbids to go further.
+        if n_faces + 1 >= target {
             break;
         }
+        asked = (asked + target - n_faces).min(cleaned.len());
     }
-    n_changes
-}
-
-/// The flip, or else the collapse, of one edge of a face that most improves the worst angle.
-fn best_change(edit: &EditMesh, face: u32) -> Option<Effect> {
-    let [a, b, c] = edit.face(face)?;
-    let edges = [[a, b], [b, c], [c, a]];
-    let flips = edges.map(|[a, b]| Change::Flip { a, b });
-    let collapses = edges.map(|[from, to]| Change::Collapse { from, to });
-    let back = edges.map(|[to, from]| Change::Collapse { from, to });
-    // Flips keep the number of faces, so they come first.
-    best_of(edit, &flips).or_else(|| best_of(edit, &[collapses, back].concat()))
-}
-
-fn best_of(edit: &EditMesh, changes: &[Change]) -> Option<Effect> {
-    let mut best: Option<(f64, Effect)> = None;
-    for &change in changes {
-        let Some(effect) = edit.effect(change) else {
-            continue;
-        };
-        let (before, after) = edit.angles(&effect);
-        let is_better = after > before && best.as_ref().is_none_or(|(angle, _)| after > *angle);
-        if is_better && edit.keeps_normals(change, &effect, MIN_COS_OF_TURN) {
-            best = Some((after, effect));
-        }
-    }
-    best.map(|(_, effect)| effect)
+    let Some(best) = best else {
+        return cleaned;
+    };
+    summary.estimated_error_mm = summary.estimated_error_mm.max(best.error_mm);
+    summary.n_sliver_changes += n_cleaned + best.n_sliver_changes;
+    summary.n_pinched_components += usize::from(best.is_pinched);
+    best.faces
 }

@@ -166,7 +166,6 @@ pub(crate) enum Problem {
         place: Place,
         message: String,
     },
-    Mesh(MeshError),
 }
 
 impl Problem {
@@ -207,7 +206,6 @@ impl Problem {
                 place,
                 message,
             },
-            Self::Mesh(source) => ReadError::Mesh { path, source },
         }
     }
 }

@@ -8,7 +8,7 @@ use nalgebra::{Point3, Vector3};
 use pedicle_mesh::{TriMesh, read_mesh};
 
 /// A unit sphere from an icosahedron whose faces are split in four, `n_splits` times.
-pub fn icosphere(n_splits: usize) -> TriMesh {
+pub(crate) fn icosphere(n_splits: usize) -> TriMesh {
     let g = (1.0 + 5.0_f64.sqrt()) / 2.0;
     let mut vertices: Vec<Point3<f64>> = [
         [-1.0, g, 0.0],
@@ -68,7 +68,7 @@ pub fn icosphere(n_splits: usize) -> TriMesh {
 }
 
 /// A torus about the z axis with radii 3 and 1.
-pub fn torus(n_around: usize, n_tube: usize) -> TriMesh {
+pub(crate) fn torus(n_around: usize, n_tube: usize) -> TriMesh {
     let mut vertices = Vec::new();
     let mut faces = Vec::new();
     for i in 0..n_around {
@@ -87,7 +87,7 @@ pub fn torus(n_around: usize, n_tube: usize) -> TriMesh {
 }
 
 /// A flat grid of `n` × `n` squares of side 1 in z = 0, facing up.
-pub fn grid(n: usize) -> TriMesh {
+pub(crate) fn grid(n: usize) -> TriMesh {
     let mut vertices = Vec::new();
     let mut faces = Vec::new();
     for i in 0..=n {
@@ -106,7 +106,7 @@ pub fn grid(n: usize) -> TriMesh {
 }
 
 /// A closed axis-aligned box from the origin to (1, 1, 1), 12 faces.
-pub fn cube() -> TriMesh {
+pub(crate) fn cube() -> TriMesh {
     let vertices = (0..8)
         .map(|i| Point3::new((i & 1) as f64, ((i >> 1) & 1) as f64, (i >> 2) as f64))
         .collect();
@@ -128,13 +128,13 @@ pub fn cube() -> TriMesh {
 }
 
 /// The mesh with every coordinate multiplied by `factor`.
-pub fn scaled(mesh: &TriMesh, factor: f64) -> TriMesh {
+pub(crate) fn scaled(mesh: &TriMesh, factor: f64) -> TriMesh {
     let vertices = mesh.vertices().iter().map(|p| p * factor).collect();
     TriMesh::new(vertices, mesh.faces().to_vec()).expect("scaling keeps a mesh")
 }
 
 /// L1 to L5 of a spine of the shared data, or `None` and one line where they are absent.
-pub fn spine(subject: &str) -> Option<Vec<TriMesh>> {
+pub(crate) fn spine(subject: &str) -> Option<Vec<TriMesh>> {
     let folder = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data"));
     let folder = folder.join(subject);
     if !folder.join("L1.ply").exists() {
