@@ -130,7 +130,7 @@ pub const PEDICLE_TRANSVERSE_ANGLE: MorphometryRow = row(
     "pedicle transverse angle",
     [10.9, 12.0, 14.4, 17.7, 29.8],
     [2.5, 2.5, 2.5, 2.5, 3.0],
-    "Zindrick 1987",
+    "Zindrick 1987 (means)",
 );
 
 /// Angle of the pedicle's axis with the plane of the body, degrees, positive: rises to the front.
@@ -138,7 +138,7 @@ pub const PEDICLE_SAGITTAL_ANGLE: MorphometryRow = row(
     "pedicle sagittal angle",
     [2.4, 1.8, 0.2, 0.2, -1.8],
     [1.0, 1.0, 1.0, 1.0, 1.0],
-    "Zindrick 1987",
+    "Zindrick 1987 (means)",
 );
 
 /// Width of the vertebral canal between the pedicles, mm.

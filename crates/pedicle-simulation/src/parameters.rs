@@ -365,7 +365,9 @@ impl SideParameters {
                 pedicle_width_mm: length(self.pedicle_width_mm, 0).max(SMALLEST_PEDICLE_WIDTH_MM),
                 pedicle_height_mm: length(self.pedicle_height_mm, 1),
                 pedicle_transverse_rad: angle(self.pedicle_transverse_rad, 2),
-                pedicle_sagittal_rad: angle(self.pedicle_sagittal_rad, 3),
+                // Half as much: the planned screws have to miss the endplates.
+                pedicle_sagittal_rad: 0.5
+                    * (self.pedicle_sagittal_rad + angle(self.pedicle_sagittal_rad, 3)),
                 facet_offset_mm: length(self.facet_offset_mm, 4),
                 facet_angle_rad: angle(self.facet_angle_rad, 5),
                 transverse_reach_mm: length(self.transverse_reach_mm, 6),

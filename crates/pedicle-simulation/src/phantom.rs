@@ -23,6 +23,10 @@ const ISTHMUS_CLEARANCE_MM: f64 = 1.8;
 const SCREW_LENGTH_MM: f64 = 45.0;
 /// Bone to keep in front of the tip, measured along the axis, mm.
 const TIP_CLEARANCE_MM: f64 = 5.0;
+/// Bone to keep around the axis at the tip, mm: the largest radius and 1 mm.
+const TIP_ROOM_MM: f64 = 4.0;
+/// Step in which the usable depth is looked for, mm.
+const DEPTH_STEP_MM: f64 = 0.25;
 /// How far from the isthmus the axis is followed to the surface, mm.
 const AXIS_REACH_MM: f64 = 80.0;
 
@@ -45,6 +49,9 @@ pub struct PedicleTruth {
     pub entry: Point3<f64>,
     /// Where the axis leaves the bone at the front of the body, mm.
     pub exit: Point3<f64>,
+    /// Depth below the entry to which the axis keeps 4 mm of bone around it and 5 mm of bone in
+    /// front, mm.
+    pub usable_depth_mm: f64,
 }
 
 /// One vertebra of the phantom.
@@ -115,7 +122,6 @@ fn pedicle_truth(
     let surface = |direction: Vector3<f64>| {
         spine
             .crossing(level, &pedicle.isthmus, &direction, AXIS_REACH_MM)
-            .map(|distance| pose * (pedicle.isthmus + direction * distance))
             .ok_or(SimulationError::AxisMissesSurface {
                 level,
                 side,
@@ -123,6 +129,12 @@ fn pedicle_truth(
             })
     };
     let axis = pedicle.axis.into_inner();
+    let behind = surface(-axis)?;
+    let ahead = surface(axis)?;
+    let mut usable = ahead - TIP_CLEARANCE_MM;
+    while usable > 0.0 && spine.distance(level, &(pedicle.isthmus + axis * usable)) > -TIP_ROOM_MM {
+        usable -= DEPTH_STEP_MM;
+    }
     Ok(PedicleTruth {
         side,
         isthmus_center: pose * pedicle.isthmus,
@@ -130,8 +142,9 @@ fn pedicle_truth(
         width_direction: Unit::new_normalize(pose * pedicle.across),
         width_mm: 2.0 * pedicle.radii[0],
         height_mm: 2.0 * pedicle.radii[1],
-        entry: surface(-axis)?,
-        exit: surface(axis)?,
+        entry: pose * (pedicle.isthmus - axis * behind),
+        exit: pose * (pedicle.isthmus + axis * ahead),
+        usable_depth_mm: behind + usable,
     })
 }
 
@@ -151,15 +164,14 @@ impl PedicleTruth {
         (self.isthmus_center - self.entry).norm()
     }
 
-    /// The screw along the axis: 45 mm long, or shorter so that 5 mm of bone stay in front of it.
+    /// The screw along the axis: 45 mm long, or shorter where the bone does not allow it.
     #[must_use]
     pub fn trajectory(&self, level: Level) -> Trajectory {
-        let room = (self.exit - self.entry).norm() - TIP_CLEARANCE_MM;
         Trajectory {
             level,
             side: self.side,
             entry_mm: self.entry,
-            tip_mm: self.entry + self.axis.into_inner() * SCREW_LENGTH_MM.min(room),
+            tip_mm: self.entry + self.axis.into_inner() * SCREW_LENGTH_MM.min(self.usable_depth_mm),
             diameter_mm: self.screw_diameter_mm(),
         }
     }

@@ -21,8 +21,10 @@ use crate::sdf::{
 
 /// The isthmus lies this far behind the back of the body, mm.
 const ISTHMUS_BEHIND_BODY_MM: f64 = 4.2;
-/// The upper border of the pedicle lies this far below the back of the upper endplate, mm.
-const PEDICLE_BELOW_ENDPLATE_MM: f64 = 0.8;
+/// Height of the pedicle's centre above the middle of the body over the body's posterior height.
+const PEDICLE_ELEVATION: f64 = 0.13;
+/// The upper border of the pedicle stays this far below the back of the upper endplate, mm.
+const PEDICLE_BELOW_ENDPLATE_MM: f64 = 1.0;
 /// Bone between the canal and the pedicle's inner wall, mm.
 const CANAL_TO_PEDICLE_MM: f64 = 0.3;
 /// Half thickness of the two processes of a facet joint, mm.
@@ -32,7 +34,9 @@ const FACET_TO_PROCESS_MM: f64 = 4.2;
 /// The upper articular processes lie this far behind the back of the body, mm.
 const FACET_BEHIND_BODY_MM: f64 = 12.5;
 /// The pedicle is its pure tube within this distance of the isthmus along the axis, mm.
-const ISTHMUS_REACH_MM: f64 = 3.6;
+const ISTHMUS_PURE_MM: f64 = 1.4;
+/// Beyond that, the other parts come back over this distance, mm.
+const ISTHMUS_BLEND_MM: f64 = 2.8;
 /// Half of the pedicle's tube, from the isthmus to either end, mm.
 const PEDICLE_REACH_MM: f64 = 13.0;
 /// Relative growth of the tube's semi-axes from the isthmus to its ends.
@@ -86,10 +90,12 @@ impl Pedicle {
         let across = axis.cross(&Vector3::z()).normalize();
         let half_width = 0.5 * side.pedicle_width_mm;
         let half_height = 0.5 * side.pedicle_height_mm;
+        let height = parameters.body_height_posterior_mm;
+        let highest = 0.5 * height - PEDICLE_BELOW_ENDPLATE_MM - half_height;
         let isthmus = Point3::new(
             sign * (0.5 * parameters.canal_width_mm + CANAL_TO_PEDICLE_MM + half_width / cos_t),
             back_of_body(parameters) - ISTHMUS_BEHIND_BODY_MM,
-            0.5 * parameters.body_height_posterior_mm - PEDICLE_BELOW_ENDPLATE_MM - half_height,
+            highest.min(PEDICLE_ELEVATION * height),
         );
         Self {
             isthmus,
@@ -122,7 +128,7 @@ impl Pedicle {
     /// How much the bone is the pure tube here: 1 around the isthmus, 0 away from it.
     fn purity(&self, p: &Point3<f64>) -> f64 {
         let [u, v, t] = self.local(p);
-        let along = 1.0 - smooth_step(t.abs() / ISTHMUS_REACH_MM);
+        let along = 1.0 - smooth_step((t.abs() - ISTHMUS_PURE_MM) / ISTHMUS_BLEND_MM);
         if along <= 0.0 {
             return 0.0;
         }
@@ -267,7 +273,7 @@ impl VertebraShape {
         let half = 0.5 * height;
         let top = (x.z - half - slope * x.y + 2.2 * dish) * cos;
         let bottom = (-x.z - half - slope * x.y + 2.8 * dish) * cos;
-        smooth_intersection(smooth_intersection(side, top, 3.0), bottom, 3.0)
+        smooth_intersection(smooth_intersection(side, top, 4.0), bottom, 4.0)
     }
 
     fn canal(&self, x: &Vector3<f64>) -> f64 {
@@ -414,14 +420,17 @@ fn push_side(
         pedicle_z - 1.5,
     );
     let tip_radius = 2.9;
-    let run = side.transverse_reach_mm - tip_radius - start.x.abs();
-    let end = start + Vector3::new(sign * run, -0.16 * run, run * sin / cos);
     let half = p.transverse_half_height_mm;
+    let tip_height = half * 0.86;
+    // The tip is a tilted plate: its upper edge reaches farthest.
+    let edge = tip_radius + (tip_height - tip_radius).max(0.0) * sin.abs();
+    let run = side.transverse_reach_mm - edge - start.x.abs();
+    let end = start + Vector3::new(sign * run, -0.16 * run, run * sin / cos);
     struts.push((
         Strut::new(
             [start, end],
             up,
-            [[half, half * 0.8], [half * 0.86, tip_radius]],
+            [[half, half * 0.8], [tip_height, tip_radius]],
         ),
         3.5,
     ));

@@ -1,0 +1,28 @@
+//! Tests of the phantom, the scenarios and the metrics against what is known to be true.
+
+mod metrics;
+mod phantom;
+mod real_spines;
+mod scenarios;
+mod section;
+
+use std::sync::OnceLock;
+
+use pedicle_simulation::{MeshingOptions, Phantom, PhantomParameters, SpineCase, generate_phantom};
+
+/// Faces of the suite's spine.
+const N_FACES: usize = 3_500;
+
+/// The mean phantom, built once for all tests.
+fn mean_phantom() -> &'static Phantom {
+    static PHANTOM: OnceLock<Phantom> = OnceLock::new();
+    PHANTOM.get_or_init(|| {
+        generate_phantom(&PhantomParameters::default(), &MeshingOptions::default()).unwrap()
+    })
+}
+
+/// The mean phantom as a case of the suite.
+fn mean_case() -> &'static SpineCase {
+    static CASE: OnceLock<SpineCase> = OnceLock::new();
+    CASE.get_or_init(|| mean_phantom().spine_case(N_FACES).unwrap())
+}
