@@ -33,11 +33,15 @@ const MIN_SCALE: f64 = 1e-11;
 const MAX_SCALE_FALL: f64 = 0.25;
 
 /// Damping of the first retry and its growth after each failure.
-const FIRST_DAMPING: f64 = 1e-3;
+const FIRST_DAMPING: f64 = 1e-2;
 const DAMPING_GROWTH: f64 = 10.0;
 
-/// Retries of one step before the cost counts as minimal.
-const MAX_RETRIES: usize = 5;
+/// Retries of one step before the cost counts as minimal. Each asks for all points again.
+const MAX_RETRIES: usize = 4;
+
+/// A step that fails is not worth a retry below this share of its standard error: the corners of
+/// the surface, not the data, decide about it.
+const WORTH_A_RETRY: f64 = 0.1;
 
 /// Inliers lie within this many standard deviations: 99.7 per cent of normal residuals.
 const INLIER_SIGMA: f64 = 3.0;
@@ -62,7 +66,7 @@ pub struct RefineOptions {
     /// radius of the points. Default 1e-11.
     pub step_tolerance: f64,
     /// Converged when a step is shorter than this share of its own standard error; 0 switches the
-    /// test off. Default 0.001.
+    /// test off. Default 0.01: what is left then adds next to nothing to the error.
     pub noise_tolerance: f64,
 }
 
@@ -76,7 +80,7 @@ impl Default for RefineOptions {
             kernel: RobustKernel::default(),
             min_points: 10,
             step_tolerance: 1e-11,
-            noise_tolerance: 1e-3,
+            noise_tolerance: 0.01,
         }
     }
 }
@@ -87,8 +91,8 @@ impl Default for RefineOptions {
 pub enum Termination {
     /// The last step was shorter than a tolerance.
     Converged,
-    /// No step lowered the cost, however short: a minimum of a surface with corners or, for
-    /// points, of one that changes its nearest point.
+    /// No step lowered the cost: a minimum as far as a surface with corners, or one made of points,
+    /// lets it be seen.
     Stalled,
     /// All iterations were used.
     MaxIterations,
@@ -141,7 +145,10 @@ pub struct Refinement {
 ///
 /// The covariance is that of the M-estimator (Huber 1981, section 7.6): the inverse information of
 /// the points that take part times the residual variance, enlarged by what the kernel costs. It
-/// knows noise, not wrong minima: whether the pose is the right one is for the caller to judge.
+/// knows noise, not wrong minima: whether the pose is the right one is for the caller to judge. Being
+/// of first order it is honest while the noise is small against the detail of the surface. On
+/// vertebrae the errors exceed it by 5 to 20 per cent at a noise of 1 mm, by 20 to 40 per cent at
+/// 2 mm and by 45 to 85 per cent at 3 mm.
 ///
 /// # Errors
 /// Fewer than `min_points` points or a gate with fewer of them inside, a coordinate or pose that is
@@ -271,16 +278,16 @@ impl<'a, S: ReferenceSurface + ?Sized> Search<'a, S> {
             if self.iterations == self.options.max_iterations {
                 return Ok(Termination::MaxIterations);
             }
-            let mut retries = 0;
-            while !self.try_step(&step, &weighting, cost) {
-                retries += 1;
-                if retries > MAX_RETRIES {
+            let mut is_lower = self.try_step(&step, &weighting, cost);
+            for _ in 0..MAX_RETRIES {
+                if is_lower || step.weighted_length_mm <= WORTH_A_RETRY * scale_mm {
                     break;
                 }
                 damping = (damping * DAMPING_GROWTH).max(FIRST_DAMPING);
                 step = equations.solve(damping, gate_mm);
+                is_lower = self.try_step(&step, &weighting, cost);
             }
-            if retries <= MAX_RETRIES {
+            if is_lower {
                 damping = if damping <= FIRST_DAMPING {
                     0.0
                 } else {

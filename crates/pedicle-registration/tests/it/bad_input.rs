@@ -15,8 +15,12 @@ fn point_pairs() {
     let good = points(5);
     let mut nan = good.clone();
     nan[3].y = f64::NAN;
-    let cases: [(&[Point3<f64>], &[Point3<f64>], &str); 5] = [
-        (&[], &[], "there are 0 points, but at least 3 are needed"),
+    let cases = [
+        (
+            &good[..0],
+            &good[..0],
+            "there are 0 points, but at least 3 are needed",
+        ),
         (
             &good[..2],
             &good[..2],
@@ -27,8 +31,8 @@ fn point_pairs() {
             &good[..4],
             "there are 5 source points but 4 target points",
         ),
-        (&nan, &good, "source point 3 is not finite"),
-        (&good, &nan, "target point 3 is not finite"),
+        (&nan[..], &good[..], "source point 3 is not finite"),
+        (&good[..], &nan[..], "target point 3 is not finite"),
     ];
     for (source, target, expected) in cases {
         let from_kabsch = kabsch(source, target, None).expect_err(expected);

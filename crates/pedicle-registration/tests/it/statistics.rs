@@ -71,7 +71,6 @@ fn check(name: &str, outcome: &Outcome, limit: f64) {
         rotation,
         normalized,
     } = *outcome;
-    println!("{name}: translation {translation:.3}, rotation {rotation:.3}, NEES {normalized:.2}");
     assert!(
         (0.92..limit).contains(&translation),
         "{name}: translation at {translation} of the bound"

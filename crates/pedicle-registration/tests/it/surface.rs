@@ -146,6 +146,28 @@ fn surfaces_of_bad_points_are_refused() {
 }
 
 #[test]
+fn hits_towards_the_query_fall_back_to_the_surface() {
+    for scale in [1e-3, 1.0, 1e3] {
+        let place = Point3::new(1.0, 2.0, 3.0) * scale;
+        let off = place + Vector3::new(0.0, 3.0, 4.0) * (0.1 * scale);
+        let hit = SurfaceHit::towards(&off, place, Vector3::x());
+        assert!(
+            (hit.normal - Vector3::new(0.0, 0.6, 0.8)).norm() < 1e-12,
+            "{hit:?}"
+        );
+        assert!((hit.distance_mm / scale - 0.5).abs() < 1e-12, "{hit:?}");
+        for query in [place, place + Vector3::z() * (1e-12 * scale)] {
+            let hit = SurfaceHit::towards(&query, place, Vector3::x());
+            assert_eq!(
+                hit.normal,
+                Vector3::x(),
+                "on the surface its own normal counts"
+            );
+        }
+    }
+}
+
+#[test]
 fn trait_objects_are_surfaces() {
     let lump = Lump::vertebra_sized();
     let surface: &dyn ReferenceSurface = &lump;
