@@ -28,7 +28,9 @@ struct Row {
 pub(crate) fn parse(bytes: &[u8]) -> Result<RawMesh, Problem> {
     let parser = Parser::<Row>::new();
     let mut reader = Reader::new(Cursor::new(bytes));
-    let header = parser.read_header(&mut reader).map_err(header_problem)?;
+    let header = parser
+        .read_header(&mut reader)
+        .map_err(|error| header_problem(&error, bytes))?;
     let start = reader.get_ref().position() as usize;
     check_header(&header, &bytes[..start])?;
     let n_header_lines = bytes[..start].iter().filter(|&&b| b == b'\n').count();
@@ -87,12 +89,15 @@ fn one_line(message: &str) -> String {
     message.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-fn header_problem(error: ParseError) -> Problem {
+fn header_problem(error: &ParseError, bytes: &[u8]) -> Problem {
+    // A file that ends within a line of its header is cut off, whatever that line now reads.
+    let is_last_line = error.line() == Some(bytes.split(|&b| b == b'\n').count());
     match (error.kind(), error.line()) {
         (ErrorKind::UnexpectedEof, _) => Problem::cut_off("header", 1, 0),
+        _ if is_last_line && bytes.starts_with(b"ply") => Problem::cut_off("header", 1, 0),
         (ErrorKind::InvalidData, _) => Problem::invalid(Place::Header, "the header is not text"),
-        (_, Some(line)) => Problem::at_line(line, header_message(&error)),
-        (_, None) => Problem::invalid(Place::Header, header_message(&error)),
+        (_, Some(line)) => Problem::at_line(line, header_message(error)),
+        (_, None) => Problem::invalid(Place::Header, header_message(error)),
     }
 }
 

@@ -61,10 +61,22 @@ fn parse_binary(bytes: &[u8]) -> Result<RawMesh, Problem> {
 
 fn parse_ascii(bytes: &[u8]) -> Result<RawMesh, Problem> {
     let text = String::from_utf8_lossy(bytes);
+    let last_line = data_lines(&text).last().map(|(line, _)| line);
+    parse_text(&text).map_err(|problem| match problem {
+        // The last line should end a solid; if it makes no sense the file ends too early.
+        Problem::Invalid {
+            place: Place::Line(line),
+            ..
+        } if Some(line) == last_line => Problem::cut_off("endsolid", 1, 0),
+        problem => problem,
+    })
+}
+
+fn parse_text(text: &str) -> Result<RawMesh, Problem> {
     let mut corners = RawMesh::default();
     let mut n_facets = 0;
     let mut inside_solid = false;
-    for (line, content) in data_lines(&text) {
+    for (line, content) in data_lines(text) {
         let mut tokens = content.split_whitespace();
         let keyword = tokens.next().unwrap_or("");
         match keyword {

@@ -220,7 +220,13 @@ fn real_spines_keep_topology_and_shape() {
         assert!(found.smallest_angle_rad.to_degrees() > 3.0, "{found:?}");
         assert_eq!(genus(&simplified.mesh), genus(&before), "handles stay");
         assert!(largest < max_error_mm, "{largest} mm off");
-        let again = simplify(&before, 3500, &options).unwrap();
-        assert_eq!(simplified, again, "the same input gives the same mesh");
     }
+}
+
+#[test]
+fn the_same_input_gives_the_same_mesh() {
+    let mesh = torus(100, 40);
+    let first = simplify(&mesh, 700, &SimplifyOptions::default()).unwrap();
+    let second = simplify(&mesh, 700, &SimplifyOptions::default()).unwrap();
+    assert_eq!(first, second, "nothing depends on chance");
 }
