@@ -1,2 +1,54 @@
-//! x
-fn main() {}
+//! Benchmarks, gates and chores of the workspace: `cargo xtask COMMAND`.
+
+mod bench;
+mod ci;
+mod error;
+mod phantom;
+
+use std::io::Write;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+pub(crate) use error::XtaskError;
+
+/// Benchmarks, gates and chores of the pedicle workspace.
+#[derive(Debug, Parser)]
+#[command(name = "cargo xtask")]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    BenchScenarios(bench::Arguments),
+    MakePhantom(phantom::Arguments),
+    Ci(ci::Arguments),
+}
+
+fn main() -> ExitCode {
+    let outcome = match Cli::parse().command {
+        Command::BenchScenarios(arguments) => arguments.run(),
+        Command::MakePhantom(arguments) => arguments.run(),
+        Command::Ci(arguments) => arguments.run(),
+    };
+    match outcome {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::from(1),
+        Err(error) => {
+            complain(&format!("error: {error}"));
+            ExitCode::from(2)
+        }
+    }
+}
+
+/// Prints to standard output. A closed pipe is not an error.
+pub(crate) fn say(text: &str) {
+    let _closed = writeln!(std::io::stdout(), "{text}");
+}
+
+/// Prints to standard error.
+pub(crate) fn complain(text: &str) {
+    let _closed = writeln!(std::io::stderr(), "{text}");
+}

@@ -1,1 +1,16 @@
-//! Command line library.
+//! Files and commands of `pedicle`: what the command line does, as a library.
+//!
+//! - [`read_spine`], [`landmarks_from_shape`], [`plan_from_shape`]: a spine from files
+//! - [`TransferFile`], [`write_json`]: the result of a transfer as JSON
+//! - [`commands`]: the commands themselves, with their arguments
+//!
+//! Lengths are millimetres. Research software, not a medical device.
+
+pub mod commands;
+mod error;
+mod result_file;
+mod spine_files;
+
+pub use error::Error;
+pub use result_file::{COVARIANCE_ORDER, TrajectoryEntry, TransferFile, VertebraEntry, write_json};
+pub use spine_files::{landmarks_from_shape, plan_from_shape, read_spine};

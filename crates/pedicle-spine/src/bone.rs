@@ -1,0 +1,220 @@
+//! The surface of one source vertebra as something points can be registered to.
+//!
+//!     q = argmin over triangles of |p - q|,   n(q) = Σ_i b_i n_i / |Σ_i b_i n_i|
+//!
+//! b are the barycentric coordinates of q in its triangle, n_i the vertex normals: the normal
+//! varies smoothly over the surface although the surface itself is flat in pieces. Points are
+//! in the source frame, millimetres.
+
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use nalgebra::{Point3, Vector3};
+use pedicle_mesh::TriMesh;
+use pedicle_registration::{ReferenceSurface, SurfaceHit};
+
+use crate::SpineError;
+
+/// A triangle surface with a k-d tree over its vertices.
+///
+/// The closest point is searched on the triangles around the nearest vertices: exact where
+/// triangles are of even size, as on surfaces from a CT, and never farther than those vertices.
+#[derive(Debug)]
+pub(crate) struct BoneSurface {
+    vertices: Vec<Point3<f64>>,
+    normals: Vec<Vector3<f64>>,
+    faces: Vec<[u32; 3]>,
+    faces_start: Vec<u32>,
+    faces_of_vertex: Vec<u32>,
+    tree: ImmutableKdTree<f64, 3>,
+    centroid: Point3<f64>,
+    radius_mm: f64,
+}
+
+impl BoneSurface {
+    /// Indexes a surface.
+    pub(crate) fn new(mesh: &TriMesh) -> Result<Self, SpineError> {
+        let n = mesh.n_vertices();
+        let mut faces_start = vec![0u32; n + 1];
+        for face in mesh.faces() {
+            for &v in face {
+                faces_start[v as usize + 1] += 1;
+            }
+        }
+        for v in 0..n {
+            faces_start[v + 1] += faces_start[v];
+        }
+        let mut next = faces_start.clone();
+        let mut faces_of_vertex = vec![0u32; mesh.n_faces() * 3];
+        for (f, face) in mesh.faces().iter().enumerate() {
+            for &v in face {
+                faces_of_vertex[next[v as usize] as usize] = f as u32;
+                next[v as usize] += 1;
+            }
+        }
+        let coordinates: Vec<[f64; 3]> = mesh.vertices().iter().map(|p| [p.x, p.y, p.z]).collect();
+        let tree =
+            ImmutableKdTree::new_from_slice(&coordinates).map_err(|e| SpineError::Index {
+                reason: format!("{e:?}"),
+            })?;
+        let centroid = mesh.centroid();
+        let radius_mm = mesh
+            .vertices()
+            .iter()
+            .map(|p| (p - centroid).norm())
+            .fold(0.0, f64_max);
+        Ok(Self {
+            vertices: mesh.vertices().to_vec(),
+            normals: mesh.vertex_normals(),
+            faces: mesh.faces().to_vec(),
+            faces_start,
+            faces_of_vertex,
+            tree,
+            centroid,
+            radius_mm,
+        })
+    }
+
+    /// Area-weighted centroid of the surface.
+    pub(crate) fn centroid(&self) -> Point3<f64> {
+        self.centroid
+    }
+
+    /// Largest distance of a vertex from the centroid.
+    pub(crate) fn radius_mm(&self) -> f64 {
+        self.radius_mm
+    }
+
+    /// Index of the vertex nearest to a point.
+    pub(crate) fn nearest_vertex(&self, point: &Point3<f64>) -> u32 {
+        let query = [point.x, point.y, point.z];
+        self.tree
+            .query(&query)
+            .nearest_one::<SquaredEuclidean<f64>>()
+            .execute()
+            .item as u32
+    }
+
+    /// Distance to the nearest vertex, an upper bound of the distance to the surface.
+    pub(crate) fn vertex_distance_mm(&self, point: &Point3<f64>) -> f64 {
+        let query = [point.x, point.y, point.z];
+        self.tree
+            .query(&query)
+            .nearest_one::<SquaredEuclidean<f64>>()
+            .execute()
+            .distance
+            .sqrt()
+    }
+
+    fn closest_around(&self, vertex: u32, point: &Point3<f64>) -> (f64, Point3<f64>, Vector3<f64>) {
+        let v = vertex as usize;
+        let position = self.vertices[v];
+        let mut best = ((point - position).norm_squared(), position, self.normals[v]);
+        let range = self.faces_start[v] as usize..self.faces_start[v + 1] as usize;
+        for &f in &self.faces_of_vertex[range] {
+            let corners = self.faces[f as usize];
+            let triangle = corners.map(|i| self.vertices[i as usize]);
+            let weights = closest_barycentric(point, &triangle);
+            let q = combine(&weights, &triangle.map(|p| p.coords));
+            let squared = (point.coords - q).norm_squared();
+            if squared < best.0 {
+                let normal = combine(&weights, &corners.map(|i| self.normals[i as usize]));
+                best = (squared, Point3::from(q), normal);
+            }
+        }
+        best
+    }
+}
+
+fn f64_max(a: f64, b: f64) -> f64 {
+    if b > a { b } else { a }
+}
+
+impl ReferenceSurface for BoneSurface {
+    fn closest(&self, point: &Point3<f64>) -> SurfaceHit {
+        let (squared, q, normal) = self.closest_around(self.nearest_vertex(point), point);
+        let normal = normal
+            .try_normalize(f64::MIN_POSITIVE)
+            .unwrap_or_else(Vector3::z);
+        SurfaceHit {
+            point: q,
+            normal,
+            distance_mm: squared.sqrt(),
+        }
+    }
+}
+
+fn combine(weights: &[f64; 3], values: &[Vector3<f64>; 3]) -> Vector3<f64> {
+    values[0] * weights[0] + values[1] * weights[1] + values[2] * weights[2]
+}
+
+/// Barycentric coordinates of the point of a triangle closest to `p`, by the Voronoi regions of
+/// its corners, edges and inside (Ericson, Real-Time Collision Detection, 2005, section 5.1.5).
+fn closest_barycentric(p: &Point3<f64>, [a, b, c]: &[Point3<f64>; 3]) -> [f64; 3] {
+    let (ab, ac, ap) = (b - a, c - a, p - a);
+    let (d1, d2) = (ab.dot(&ap), ac.dot(&ap));
+    if d1 <= 0.0 && d2 <= 0.0 {
+        return [1.0, 0.0, 0.0];
+    }
+    let bp = p - b;
+    let (d3, d4) = (ab.dot(&bp), ac.dot(&bp));
+    if d3 >= 0.0 && d4 <= d3 {
+        return [0.0, 1.0, 0.0];
+    }
+    let vc = d1 * d4 - d3 * d2;
+    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 && d1 - d3 > 0.0 {
+        let t = d1 / (d1 - d3);
+        return [1.0 - t, t, 0.0];
+    }
+    let cp = p - c;
+    let (d5, d6) = (ab.dot(&cp), ac.dot(&cp));
+    if d6 >= 0.0 && d5 <= d6 {
+        return [0.0, 0.0, 1.0];
+    }
+    let vb = d5 * d2 - d1 * d6;
+    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 && d2 - d6 > 0.0 {
+        let t = d2 / (d2 - d6);
+        return [1.0 - t, 0.0, t];
+    }
+    let va = d3 * d6 - d5 * d4;
+    let (e, f) = (d4 - d3, d5 - d6);
+    if va <= 0.0 && e >= 0.0 && f >= 0.0 && e + f > 0.0 {
+        let t = e / (e + f);
+        return [0.0, 1.0 - t, t];
+    }
+    let sum = va + vb + vc;
+    if sum <= 0.0 {
+        return [1.0, 0.0, 0.0];
+    }
+    [va / sum, vb / sum, vc / sum]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn closest_point_of_a_triangle_in_every_region() {
+        let triangle = [
+            Point3::new(0.0, 0.0, 0.0),
+            Point3::new(2.0, 0.0, 0.0),
+            Point3::new(0.0, 2.0, 0.0),
+        ];
+        let cases = [
+            ([-1.0, -1.0, 1.0], [1.0, 0.0, 0.0]),
+            ([3.0, -0.5, 1.0], [0.0, 1.0, 0.0]),
+            ([-0.5, 3.0, 1.0], [0.0, 0.0, 1.0]),
+            ([1.0, -1.0, 1.0], [0.5, 0.5, 0.0]),
+            ([-1.0, 1.0, 1.0], [0.5, 0.0, 0.5]),
+            ([2.0, 2.0, 1.0], [0.0, 0.5, 0.5]),
+            ([0.5, 0.5, 1.0], [0.5, 0.25, 0.25]),
+        ];
+        for (p, expected) in cases {
+            let found = closest_barycentric(&Point3::from(p), &triangle);
+            for (x, y) in found.iter().zip(expected) {
+                assert!(
+                    (x - y).abs() < 1e-14,
+                    "{p:?}: {found:?} instead of {expected:?}"
+                );
+            }
+        }
+    }
+}

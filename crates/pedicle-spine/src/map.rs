@@ -1,0 +1,221 @@
+//! The functional map between the two spines and the pose of each vertebra that it gives.
+//!
+//! descriptors A, B → C = argmin E(C) → ZoomOut → BCICP → point map → MSAC per vertebra.
+
+use faer::Mat;
+use nalgebra::Point3;
+use pedicle_descriptors::{
+    HeatTimes, WaveEnergies, concatenate_columns, heat_kernel_from_landmark, heat_kernel_signature,
+    normalize_columns, wave_kernel_from_landmark, wave_kernel_signature,
+};
+use pedicle_fmap::{FitOptions, bcicp, coverage, fit, zoomout};
+use pedicle_registration::{MsacOptions, msac};
+use pedicle_spectral::LaplaceBasis;
+
+use crate::map_shape::MapShape;
+use crate::model::{SourceView, SpineModel};
+use crate::scoring::Poses;
+use crate::{SearchOptions, SpineError, TransferOptions};
+
+/// What the map was compared with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum View {
+    /// The whole source spine.
+    Whole,
+    /// The part of the source that a posterior approach exposes.
+    Posterior,
+}
+
+/// What the functional map found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MapReport {
+    /// Which part of the source took part.
+    pub view: View,
+    /// Vertices of the source and of the target surface in the map.
+    pub n_vertices: (usize, usize),
+    /// Share of the source's vertices that some target vertex is mapped to.
+    pub coverage: f64,
+    /// For each vertebra the number of target vertices mapped to it.
+    pub n_mapped: Vec<usize>,
+    /// For each vertebra the share of them that one rigid motion explains (MSAC inliers).
+    pub inlier_share: Vec<f64>,
+}
+
+/// The poses of all vertebrae by the map, if it gave one for each.
+pub(crate) struct MapResult {
+    pub(crate) poses: Option<Poses>,
+    pub(crate) report: MapReport,
+}
+
+/// The view of the source that a target of this area is compared with.
+pub(crate) fn choose_view(model: &SpineModel, target: &MapShape, whole_area_share: f64) -> View {
+    let share = target.basis.area() / model.whole.shape.basis.area();
+    if share < whole_area_share {
+        View::Posterior
+    } else {
+        View::Whole
+    }
+}
+
+/// Computes the map and estimates a pose for every vertebra.
+pub(crate) fn map_poses(
+    model: &SpineModel,
+    target: &MapShape,
+    target_landmarks: &[Point3<f64>],
+    options: &TransferOptions,
+) -> Result<MapResult, SpineError> {
+    let view = choose_view(model, target, options.map.whole_area_share);
+    let source = match view {
+        View::Whole => &model.whole,
+        View::Posterior => &model.posterior,
+    };
+    let source_landmarks: Vec<Point3<f64>> = model.vertebrae.iter().map(|v| v.landmark).collect();
+    let (source_functions, target_functions) = descriptors(
+        &source.shape,
+        target,
+        &source_landmarks,
+        target_landmarks,
+        options,
+    )?;
+    let source_shape = pedicle_fmap::Shape {
+        mesh: &source.shape.mesh,
+        basis: &source.shape.basis,
+        descriptors: &source_functions,
+    };
+    let target_shape = pedicle_fmap::Shape {
+        mesh: &target.mesh,
+        basis: &target.basis,
+        descriptors: &target_functions,
+    };
+    let fit_options = FitOptions {
+        n_source: options.map.n_fit,
+        n_target: options.map.n_fit,
+        weights: options.map.weights.clone(),
+        ..FitOptions::default()
+    };
+    let first = fit(&source_shape, &target_shape, &fit_options)?;
+    let zoomed = zoomout(
+        &source.shape.basis,
+        &target.basis,
+        &first.map,
+        &options.map.zoomout,
+    )?;
+    let refined = bcicp(
+        &source_shape,
+        &target_shape,
+        &zoomed.map,
+        &options.map.bcicp,
+    )?;
+    let point_map = &refined.target_to_source;
+
+    let estimate = poses_from_pairs(model, source, target, &point_map.source_of_target, options);
+    Ok(MapResult {
+        poses: estimate.poses,
+        report: MapReport {
+            view,
+            n_vertices: (source.shape.mesh.n_vertices(), target.mesh.n_vertices()),
+            coverage: coverage(point_map, &source.shape.basis.mass)?,
+            n_mapped: estimate.n_mapped,
+            inlier_share: estimate.inlier_share,
+        },
+    })
+}
+
+fn descriptors(
+    source: &MapShape,
+    target: &MapShape,
+    source_landmarks: &[Point3<f64>],
+    target_landmarks: &[Point3<f64>],
+    options: &TransferOptions,
+) -> Result<(Mat<f64>, Mat<f64>), SpineError> {
+    // One range for both shapes, or the columns mean different things on each.
+    let energies = WaveEnergies::joint(&source.basis, &target.basis, options.map.n_wave)?;
+    let times = HeatTimes::joint(&source.basis, &target.basis, options.map.n_heat)?;
+    let of = |shape: &MapShape, landmarks: &[Point3<f64>]| -> Result<Mat<f64>, SpineError> {
+        let basis: &LaplaceBasis = &shape.basis;
+        let mut parts = vec![
+            wave_kernel_signature(basis, &energies),
+            heat_kernel_signature(basis, &times),
+        ];
+        for landmark in landmarks {
+            let vertex = nearest_vertex(shape, landmark);
+            parts.push(wave_kernel_from_landmark(basis, vertex, &energies)?);
+            parts.push(heat_kernel_from_landmark(basis, vertex, &times)?);
+        }
+        Ok(normalize_columns(concatenate_columns(&parts), &basis.mass))
+    };
+    Ok((of(source, source_landmarks)?, of(target, target_landmarks)?))
+}
+
+fn nearest_vertex(shape: &MapShape, point: &Point3<f64>) -> usize {
+    let mut best = (f64::INFINITY, 0);
+    for (v, p) in shape.mesh.vertices().iter().enumerate() {
+        let squared = (p - point).norm_squared();
+        if squared < best.0 {
+            best = (squared, v);
+        }
+    }
+    best.1
+}
+
+struct Estimate {
+    poses: Option<Poses>,
+    n_mapped: Vec<usize>,
+    inlier_share: Vec<f64>,
+}
+
+/// MSAC over the pairs that the point map makes of each vertebra.
+fn poses_from_pairs(
+    model: &SpineModel,
+    source: &SourceView,
+    target: &MapShape,
+    source_of_target: &[u32],
+    options: &TransferOptions,
+) -> Estimate {
+    let n = model.vertebrae.len();
+    let mut pairs: Vec<(Vec<Point3<f64>>, Vec<Point3<f64>>)> = vec![Default::default(); n];
+    for (t, &s) in source_of_target.iter().enumerate() {
+        let (from, to) = &mut pairs[source.vertebra_of_vertex[s as usize] as usize];
+        from.push(source.shape.mesh.vertices()[s as usize]);
+        to.push(target.mesh.vertices()[t]);
+    }
+    let SearchOptions {
+        msac: msac_options, ..
+    } = &options.search;
+    let mut poses = Vec::with_capacity(n);
+    let mut inlier_share = Vec::with_capacity(n);
+    for (v, (from, to)) in pairs.iter().enumerate() {
+        let seeded = MsacOptions {
+            seed: options.seed.wrapping_mul(n as u64).wrapping_add(v as u64),
+            ..*msac_options
+        };
+        // Too few pairs or no consensus: the map says nothing about this vertebra.
+        match msac(from, to, &seeded) {
+            Ok(found) => {
+                inlier_share.push(found.n_inliers as f64 / from.len() as f64);
+                poses.push(Some(found.target_from_source));
+            }
+            Err(_) => {
+                inlier_share.push(0.0);
+                poses.push(None);
+            }
+        }
+    }
+    let poses = fill_from_neighbours(poses);
+    Estimate {
+        poses,
+        n_mapped: pairs.iter().map(|(from, _)| from.len()).collect(),
+        inlier_share,
+    }
+}
+
+/// A vertebra without a pose starts from the nearest one that has one.
+fn fill_from_neighbours(poses: Vec<Option<nalgebra::Isometry3<f64>>>) -> Option<Poses> {
+    let known: Vec<usize> = (0..poses.len()).filter(|&v| poses[v].is_some()).collect();
+    (0..poses.len())
+        .map(|v| {
+            let nearest = known.iter().min_by_key(|&&k| k.abs_diff(v))?;
+            poses[*nearest]
+        })
+        .collect()
+}

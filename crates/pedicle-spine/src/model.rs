@@ -1,0 +1,258 @@
+//! The pre-operative spine, prepared once and used for any number of targets.
+
+use nalgebra::Point3;
+use pedicle_mesh::{TriMesh, concatenate};
+use pedicle_trajectory::{AnatomicalFrame, Landmarks, Level, Plan, anatomical_frames};
+
+use crate::bone::BoneSurface;
+use crate::map_shape::{MapShape, clean, restrict, simplified};
+use crate::{MapOptions, Shape, SpineError};
+
+/// Farthest that a landmark may lie from its surface, mm.
+pub const MAX_LANDMARK_DISTANCE_MM: f64 = 50.0;
+/// Farthest that a planned trajectory may lie from its vertebra, mm. An entry may float some
+/// millimetres above the bone; a neighbour's vertebra is some 35 mm away.
+pub const MAX_PLAN_DISTANCE_MM: f64 = 15.0;
+
+/// One vertebra as it comes from the CT.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SourceVertebra {
+    /// Its level.
+    pub level: Level,
+    /// Its surface in the source frame, mm.
+    pub surface: TriMesh,
+}
+
+/// One vertebra ready for registration.
+#[derive(Debug)]
+pub(crate) struct Vertebra {
+    pub(crate) level: Level,
+    pub(crate) bone: BoneSurface,
+    pub(crate) frame: AnatomicalFrame,
+    pub(crate) landmark: Point3<f64>,
+    pub(crate) area_mm2: f64,
+    /// Surface points that tell how much of the vertebra a target shows.
+    pub(crate) samples: Vec<Point3<f64>>,
+    /// Whether each of them faces a posterior approach.
+    pub(crate) is_posterior: Vec<bool>,
+}
+
+/// The source spine: five vertebrae with their search structures and bases.
+#[derive(Debug)]
+pub struct SpineModel {
+    pub(crate) vertebrae: Vec<Vertebra>,
+    pub(crate) whole: SourceView,
+    pub(crate) posterior: SourceView,
+    pub(crate) diagonal_mm: f64,
+}
+
+/// The source as the map sees it: all of it, or what a posterior approach exposes.
+#[derive(Debug)]
+pub(crate) struct SourceView {
+    pub(crate) shape: MapShape,
+    /// Index of the vertebra of every vertex.
+    pub(crate) vertebra_of_vertex: Vec<u8>,
+}
+
+impl SpineModel {
+    /// Checks and prepares a spine. `landmarks` holds the top of each spinous process.
+    ///
+    /// # Errors
+    /// [`SpineError`] if a level or a landmark is missing or doubled, a landmark is far from
+    /// its vertebra, or a surface cannot be prepared for the map.
+    pub fn new(
+        vertebrae: Vec<SourceVertebra>,
+        landmarks: &Landmarks,
+        options: &MapOptions,
+    ) -> Result<Self, SpineError> {
+        let mut vertebrae = sorted_by_level(vertebrae)?;
+        for vertebra in &mut vertebrae {
+            vertebra.surface = clean(&vertebra.surface, Shape::Source)?;
+        }
+        let landmark_points = landmarks_by_level(landmarks, Shape::Source)?;
+        let pairs: Vec<(Level, &TriMesh)> =
+            vertebrae.iter().map(|v| (v.level, &v.surface)).collect();
+        let frames = anatomical_frames(&pairs)?;
+
+        let surfaces: Vec<&TriMesh> = vertebrae.iter().map(|v| &v.surface).collect();
+        let spine = concatenate(&surfaces).map_err(|error| mesh_error(error))?;
+        let (low, high) = spine.bounding_box();
+        let starts: Vec<usize> = surfaces
+            .iter()
+            .scan(0, |sum, mesh| {
+                *sum += mesh.n_vertices();
+                Some(*sum)
+            })
+            .collect();
+        let vertebra_of = |v: u32| starts.partition_point(|&end| end <= v as usize) as u8;
+
+        let whole_mesh = simplified(&spine, options, Shape::Source)?;
+        let whole_owner: Vec<u8> = whole_mesh
+            .original_vertex
+            .iter()
+            .map(|&v| vertebra_of(v))
+            .collect();
+        let exposed: Vec<u32> = (0..whole_mesh.mesh.n_faces() as u32)
+            .filter(|&f| {
+                let corners = whole_mesh.mesh.triangle(f as usize);
+                let vertebra = whole_owner[whole_mesh.mesh.faces()[f as usize][0] as usize];
+                let frame = &frames[vertebra as usize];
+                corners.iter().all(|p| is_exposed(p, frame))
+            })
+            .collect();
+        let posterior_mesh = restrict(&whole_mesh, &exposed)?;
+        let posterior_owner = posterior_mesh
+            .original_vertex
+            .iter()
+            .map(|&v| vertebra_of(v))
+            .collect();
+        let whole = SourceView {
+            shape: MapShape::new(whole_mesh.mesh, options, Shape::Source)?,
+            vertebra_of_vertex: whole_owner,
+        };
+        let posterior = SourceView {
+            shape: MapShape::new(posterior_mesh.mesh, options, Shape::Source)?,
+            vertebra_of_vertex: posterior_owner,
+        };
+
+        let mut prepared = Vec::with_capacity(vertebrae.len());
+        for ((vertebra, frame), landmark) in vertebrae.iter().zip(frames).zip(landmark_points) {
+            let bone = BoneSurface::new(&vertebra.surface)?;
+            check_landmark(&bone, &landmark, vertebra.level)?;
+            let samples: Vec<Point3<f64>> = whole
+                .shape
+                .mesh
+                .vertices()
+                .iter()
+                .zip(&whole.vertebra_of_vertex)
+                .filter(|(_, owner)| **owner as usize == prepared.len())
+                .map(|(p, _)| *p)
+                .collect();
+            let is_posterior = samples.iter().map(|p| is_exposed(p, &frame)).collect();
+            prepared.push(Vertebra {
+                level: vertebra.level,
+                bone,
+                frame,
+                landmark,
+                area_mm2: vertebra.surface.area(),
+                samples,
+                is_posterior,
+            });
+        }
+        Ok(Self {
+            vertebrae: prepared,
+            whole,
+            posterior,
+            diagonal_mm: (high - low).norm(),
+        })
+    }
+
+    /// The levels in order, from the top down.
+    #[must_use]
+    pub fn levels(&self) -> Vec<Level> {
+        self.vertebrae.iter().map(|v| v.level).collect()
+    }
+
+    /// Area-weighted centroid of a vertebra's surface in the source frame.
+    #[must_use]
+    pub fn centroid(&self, level: Level) -> Point3<f64> {
+        self.vertebrae[level.index()].bone.centroid()
+    }
+
+    /// Whether every trajectory of a plan lies on the vertebra that it names.
+    ///
+    /// # Errors
+    /// [`SpineError::EmptyPlan`] or [`SpineError::PlanOffSpine`].
+    pub fn check_plan(&self, plan: &Plan) -> Result<(), SpineError> {
+        if plan.trajectories.is_empty() {
+            return Err(SpineError::EmptyPlan);
+        }
+        for trajectory in &plan.trajectories {
+            let bone = &self.vertebrae[trajectory.level.index()].bone;
+            let (entry, tip) = (trajectory.entry_mm, trajectory.tip_mm);
+            let distance_mm = [entry, nalgebra::center(&entry, &tip), tip]
+                .iter()
+                .map(|p| bone.vertex_distance_mm(p))
+                .fold(0.0, |worst, d| if d > worst { d } else { worst });
+            if distance_mm > MAX_PLAN_DISTANCE_MM || distance_mm.is_nan() {
+                return Err(SpineError::PlanOffSpine {
+                    level: trajectory.level,
+                    side: trajectory.side,
+                    distance_mm,
+                    max_distance_mm: MAX_PLAN_DISTANCE_MM,
+                });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A posterior approach exposes what lies behind the centroid of the vertebra's surface, which
+/// splits the surface into halves of about equal area.
+fn is_exposed(point: &Point3<f64>, frame: &AnatomicalFrame) -> bool {
+    (point - frame.origin).dot(&frame.anterior) < 0.0
+}
+
+fn mesh_error(error: pedicle_mesh::MeshError) -> SpineError {
+    SpineError::Mesh {
+        shape: Shape::Source,
+        error,
+    }
+}
+
+fn sorted_by_level(mut vertebrae: Vec<SourceVertebra>) -> Result<Vec<SourceVertebra>, SpineError> {
+    vertebrae.sort_by_key(|v| v.level);
+    if let Some(pair) = vertebrae
+        .windows(2)
+        .find(|pair| pair[0].level == pair[1].level)
+    {
+        return Err(SpineError::DoubledLevel {
+            level: pair[0].level,
+        });
+    }
+    let missing = Level::ALL
+        .into_iter()
+        .find(|level| !vertebrae.iter().any(|v| v.level == *level));
+    missing.map_or(Ok(vertebrae), |level| {
+        Err(SpineError::MissingLevel { level })
+    })
+}
+
+/// One landmark for each of L1 to L5, in this order.
+pub(crate) fn landmarks_by_level(
+    landmarks: &Landmarks,
+    shape: Shape,
+) -> Result<Vec<Point3<f64>>, SpineError> {
+    let mut points = Vec::with_capacity(Level::ALL.len());
+    for level in Level::ALL {
+        let mut of_level = landmarks.landmarks.iter().filter(|l| l.level == level);
+        let landmark = of_level
+            .next()
+            .ok_or(SpineError::MissingLandmark { shape, level })?;
+        if of_level.next().is_some() {
+            return Err(SpineError::DoubledLandmark { shape, level });
+        }
+        if !landmark.position_mm.coords.iter().all(|c| c.is_finite()) {
+            return Err(SpineError::NonFiniteLandmark { shape, level });
+        }
+        points.push(landmark.position_mm);
+    }
+    Ok(points)
+}
+
+fn check_landmark(
+    bone: &BoneSurface,
+    landmark: &Point3<f64>,
+    level: Level,
+) -> Result<(), SpineError> {
+    let distance_mm = bone.vertex_distance_mm(landmark);
+    if distance_mm > MAX_LANDMARK_DISTANCE_MM {
+        return Err(SpineError::LandmarkFarFromSurface {
+            shape: Shape::Source,
+            level,
+            distance_mm,
+            max_distance_mm: MAX_LANDMARK_DISTANCE_MM,
+        });
+    }
+    Ok(())
+}

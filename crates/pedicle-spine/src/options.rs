@@ -1,0 +1,140 @@
+//! Settings of a transfer and their defaults.
+
+use pedicle_fmap::{BcicpOptions, EnergyWeights, ZoomOutOptions};
+use pedicle_registration::MsacOptions;
+
+/// Settings of the functional map between the spines.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MapOptions {
+    /// Faces both surfaces are simplified to before the spectral steps. Default 3500.
+    pub n_faces: usize,
+    /// Eigenfunctions of each surface. Default 100.
+    pub n_functions: usize,
+    /// Size of the first map, which is fitted to the descriptors. Default 50.
+    pub n_fit: usize,
+    /// Wave kernel signatures per landmark. Default 20.
+    pub n_wave: usize,
+    /// Heat kernel signatures per landmark. Default 10.
+    pub n_heat: usize,
+    /// Weights of the terms of the energy.
+    pub weights: EnergyWeights,
+    /// Refinement of the spectrum.
+    pub zoomout: ZoomOutOptions,
+    /// Refinement of the point map.
+    pub bcicp: BcicpOptions,
+    /// A target with less than this share of the source's area is matched to the part of the
+    /// source that a posterior approach exposes. Default 0.8.
+    pub whole_area_share: f64,
+}
+
+/// Settings of the search for one pose a vertebra.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SearchOptions {
+    /// Estimation of a pose from the point map.
+    pub msac: MsacOptions,
+    /// Turns about the line of landmarks that are tried. Default 12 (every 30°).
+    pub n_turns: usize,
+    /// Target points of the coarse search. Default 600.
+    pub n_coarse_points: usize,
+    /// Target points of the final refinement; more are thinned out. Default 20 000.
+    pub n_fine_points: usize,
+    /// Gates of the rounds of the coarse search, mm. Default 20, 12, 8, 6, 5.
+    pub gates_mm: Vec<f64>,
+    /// Distance at which a point counts as not explained, mm. Default 4.
+    pub truncation_mm: f64,
+    /// Configurations that survive the first two rounds. Default 4.
+    pub n_finalists: usize,
+    /// Sweeps in which vertebrae may change their hypothesis. Default 3.
+    pub n_sweeps: usize,
+}
+
+/// When a vertebra is vouched for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct VerdictOptions {
+    /// Fewest target points on the vertebra. Default 60.
+    pub min_points: usize,
+    /// Smallest share of the vertebra's posterior surface that the target shows. Default 0.35.
+    pub min_posterior_coverage: f64,
+    /// Smallest share of the vertebra's target points that the fit explains. Default 0.85.
+    pub min_explained_share: f64,
+    /// Largest noise of the target surface, mm. Default 2.5.
+    pub max_noise_mm: f64,
+    /// Largest standard deviation of the vertebra's position, mm. Default 0.6: four of them
+    /// stay within the published margin of 2.5 mm.
+    pub max_translation_std_mm: f64,
+    /// Largest standard deviation of its orientation, rad. Default 0.031 (1.8°): four of them
+    /// stay within the published margin of 7.1°.
+    pub max_rotation_std_rad: f64,
+    /// Largest turn of a vertebra relative to its neighbour, compared with the source, rad.
+    /// Default 0.52 (30°): lumbar segments move by less than 20° in any direction
+    /// (White & Panjabi 1990, table 2-6).
+    pub max_neighbour_turn_rad: f64,
+    /// Largest distance of the landmark pair once the pose is applied, mm. Default 15.
+    pub max_landmark_distance_mm: f64,
+    /// How much worse, relative to the vertebra's own points, the best clearly different pose
+    /// must explain them. Default 0.08.
+    pub min_alternative_margin: f64,
+}
+
+/// All settings of a transfer.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct TransferOptions {
+    /// Functional map.
+    pub map: MapOptions,
+    /// Poses.
+    pub search: SearchOptions,
+    /// Verdict.
+    pub verdict: VerdictOptions,
+    /// Seed of everything random.
+    pub seed: u64,
+}
+
+impl Default for SearchOptions {
+    fn default() -> Self {
+        Self {
+            msac: MsacOptions {
+                max_distance_mm: 4.0,
+                ..MsacOptions::default()
+            },
+            n_turns: 12,
+            n_coarse_points: 600,
+            n_fine_points: 20_000,
+            gates_mm: vec![20.0, 12.0, 8.0, 6.0, 5.0],
+            truncation_mm: 4.0,
+            n_finalists: 4,
+            n_sweeps: 3,
+        }
+    }
+}
+
+impl Default for VerdictOptions {
+    fn default() -> Self {
+        Self {
+            min_points: 60,
+            min_posterior_coverage: 0.35,
+            min_explained_share: 0.85,
+            max_noise_mm: 2.5,
+            max_translation_std_mm: 0.6,
+            max_rotation_std_rad: 0.031,
+            max_neighbour_turn_rad: 0.52,
+            max_landmark_distance_mm: 15.0,
+            min_alternative_margin: 0.08,
+        }
+    }
+}
+
+impl Default for MapOptions {
+    fn default() -> Self {
+        Self {
+            n_faces: 3500,
+            n_functions: 100,
+            n_fit: 50,
+            n_wave: 20,
+            n_heat: 10,
+            weights: EnergyWeights::default(),
+            zoomout: ZoomOutOptions::default(),
+            bcicp: BcicpOptions::default(),
+            whole_area_share: 0.8,
+        }
+    }
+}

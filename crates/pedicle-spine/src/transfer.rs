@@ -1,0 +1,316 @@
+//! From a plan on the source to a plan on the target.
+
+use nalgebra::{Isometry3, Point3};
+use pedicle_mesh::{TriMesh, connected_components};
+use pedicle_registration::PoseCovariance;
+use pedicle_trajectory::{Landmarks, Level, Plan, Trajectory};
+use rand::SeedableRng;
+use rand::seq::index;
+use rand_chacha::ChaCha8Rng;
+
+use crate::finish::{FinePoints, Fit, finish};
+use crate::hypotheses::{Configuration, Origin, from_landmarks};
+use crate::map::{MapReport, map_poses};
+use crate::map_shape::{MapShape, clean, simplified, without_crumbs};
+use crate::model::{MAX_LANDMARK_DISTANCE_MM, SpineModel, landmarks_by_level};
+use crate::search::{Found, Search};
+use crate::verdict::{Evidence, Rejection, rejections};
+use crate::{Shape, SpineError, TransferOptions};
+
+/// The intra-operative side: one surface in its own frame, and a rough landmark a vertebra.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Target {
+    /// The surface seen, mm.
+    pub surface: TriMesh,
+    /// The top of each spinous process, to some millimetres.
+    pub landmarks: Landmarks,
+}
+
+/// Parts of a transfer, in their order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Stage {
+    /// Cleaning and simplifying the target, its operators and eigenfunctions.
+    Spectrum,
+    /// Descriptors, fit, refinement of the map, MSAC.
+    Map,
+    /// Search over the starts.
+    Search,
+    /// Last refinement, covariance, verdict.
+    Finish,
+}
+
+impl std::fmt::Display for Stage {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Spectrum => "spectrum",
+            Self::Map => "map",
+            Self::Search => "search",
+            Self::Finish => "refinement",
+        })
+    }
+}
+
+/// The result for one vertebra.
+#[derive(Debug, Clone, PartialEq)]
+pub struct VertebraTransfer {
+    /// Its level.
+    pub level: Level,
+    /// Whether the method vouches for it.
+    pub accepted: bool,
+    /// Why not, if it does not.
+    pub reasons: Vec<Rejection>,
+    /// Its rigid motion.
+    pub target_from_source: Isometry3<f64>,
+    /// Root mean square distance of its inliers from its surface, mm; NaN without a fit.
+    pub residual_mm: f64,
+    /// Estimated noise of the target's points, mm; NaN without a fit.
+    pub noise_mm: f64,
+    /// Target points given to it.
+    pub n_points: usize,
+    /// Share of them within the noise of its surface.
+    pub explained_share: f64,
+    /// Share of its surface that the target shows.
+    pub coverage: f64,
+    /// Share of its posterior surface that the target shows.
+    pub posterior_coverage: f64,
+    /// Share by which the best clearly different pose explains its points worse.
+    pub alternative_margin: f64,
+    /// Distance of the landmark pair once the pose is applied, mm.
+    pub landmark_distance_mm: f64,
+    /// Where the pose came from.
+    pub origin: Origin,
+    /// Covariance of the pose; none without a fit.
+    pub covariance: Option<PoseCovariance>,
+}
+
+/// One carried-over trajectory.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TransferredTrajectory {
+    /// In the frame of the target.
+    pub trajectory: Trajectory,
+    /// Whether the method vouches for its vertebra.
+    pub accepted: bool,
+}
+
+/// The plan on the target.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Transfer {
+    /// One entry a level, L1 first.
+    pub vertebrae: Vec<VertebraTransfer>,
+    /// In the order of the plan.
+    pub trajectories: Vec<TransferredTrajectory>,
+    /// What the functional map found.
+    pub map: MapReport,
+}
+
+impl Transfer {
+    /// Whether everything is vouched for.
+    #[must_use]
+    pub fn all_accepted(&self) -> bool {
+        self.vertebrae.iter().all(|v| v.accepted)
+    }
+}
+
+/// Carries a plan to a target.
+///
+/// # Errors
+/// [`SpineError`] if the plan is not of this spine, a landmark is missing, doubled or far off,
+/// the target has other units, or its surface cannot be prepared.
+pub fn transfer(
+    model: &SpineModel,
+    plan: &Plan,
+    target: &Target,
+    options: &TransferOptions,
+) -> Result<Transfer, SpineError> {
+    transfer_with_progress(model, plan, target, options, &mut |_| {})
+}
+
+/// The same, telling when each stage begins.
+///
+/// # Errors
+/// As [`transfer`].
+pub fn transfer_with_progress(
+    model: &SpineModel,
+    plan: &Plan,
+    target: &Target,
+    options: &TransferOptions,
+    begins: &mut dyn FnMut(Stage),
+) -> Result<Transfer, SpineError> {
+    model.check_plan(plan)?;
+    let landmarks = landmarks_by_level(&target.landmarks, Shape::Target)?;
+    check_units(model, &target.surface)?;
+
+    begins(Stage::Spectrum);
+    let surface = clean(&target.surface, Shape::Target)?;
+    check_landmarks(&surface, &landmarks)?;
+    let simple = without_crumbs(
+        simplified(&surface, &options.map, Shape::Target)?,
+        Shape::Target,
+    )?;
+    let shape = MapShape::new(simple.mesh, &options.map, Shape::Target)?;
+
+    begins(Stage::Map);
+    let map = map_poses(model, &shape, &landmarks, options)?;
+
+    begins(Stage::Search);
+    let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
+    let fine = sample(&surface, options.search.n_fine_points, &mut rng);
+    let coarse = thin_out(&fine.points, options.search.n_coarse_points, &mut rng);
+    let source_landmarks: Vec<Point3<f64>> = model.vertebrae.iter().map(|v| v.landmark).collect();
+    let mut starts = Vec::new();
+    if let Some(poses) = map.poses {
+        starts.push(Configuration::new(Origin::FunctionalMap, poses));
+    }
+    starts.extend(from_landmarks(
+        &source_landmarks,
+        &landmarks,
+        options.search.n_turns,
+    ));
+    let found = Search::new(&model.vertebrae, &coarse, &options.search).run(starts)?;
+
+    begins(Stage::Finish);
+    let fits = finish(&model.vertebrae, &fine, &found.configuration.poses)?;
+    let vertebrae = conclude(model, &landmarks, fits, &found, options);
+    let trajectories = plan
+        .trajectories
+        .iter()
+        .map(|trajectory| {
+            let vertebra = &vertebrae[trajectory.level.index()];
+            TransferredTrajectory {
+                trajectory: trajectory.transformed(&vertebra.target_from_source),
+                accepted: vertebra.accepted,
+            }
+        })
+        .collect();
+    Ok(Transfer {
+        vertebrae,
+        trajectories,
+        map: map.report,
+    })
+}
+
+fn conclude(
+    model: &SpineModel,
+    landmarks: &[Point3<f64>],
+    fits: Vec<Fit>,
+    found: &Found,
+    options: &TransferOptions,
+) -> Vec<VertebraTransfer> {
+    let poses: Vec<Isometry3<f64>> = fits.iter().map(|fit| fit.target_from_source).collect();
+    fits.into_iter()
+        .enumerate()
+        .map(|(v, fit)| {
+            let pose = fit.target_from_source;
+            let landmark_distance_mm = (pose * model.vertebrae[v].landmark - landmarks[v]).norm();
+            let neighbours = [v.checked_sub(1), Some(v + 1).filter(|&u| u < poses.len())];
+            let evidence = Evidence {
+                n_points: fit.n_points,
+                posterior_coverage: fit.posterior_coverage,
+                explained_share: fit.explained_share,
+                noise_mm: fit.refinement.as_ref().map_or(f64::NAN, |r| r.noise_mm),
+                std_mm_rad: fit
+                    .covariance
+                    .map(|c| (c.translation_mm(), c.rotation_rad())),
+                alternative_margin: found.alternative_margins[v],
+                neighbour_turns_rad: neighbours
+                    .into_iter()
+                    .flatten()
+                    .map(|u| {
+                        let turn = pose.rotation.inverse() * poses[u].rotation;
+                        (model.vertebrae[u].level, turn.angle())
+                    })
+                    .collect(),
+                landmark_distance_mm,
+            };
+            let reasons = rejections(&evidence, &options.verdict);
+            VertebraTransfer {
+                level: model.vertebrae[v].level,
+                accepted: reasons.is_empty(),
+                reasons,
+                target_from_source: pose,
+                residual_mm: fit.refinement.as_ref().map_or(f64::NAN, |r| r.rmse_mm),
+                noise_mm: evidence.noise_mm,
+                n_points: fit.n_points,
+                explained_share: fit.explained_share,
+                coverage: fit.coverage,
+                posterior_coverage: fit.posterior_coverage,
+                alternative_margin: evidence.alternative_margin,
+                landmark_distance_mm,
+                origin: found.configuration.origins[v],
+                covariance: fit.covariance,
+            }
+        })
+        .collect()
+}
+
+/// Ratio of sizes from which on the units must differ: the smallest useful part of a spine
+/// still measures a tenth of it.
+const MAX_SIZE_RATIO: f64 = 20.0;
+
+fn check_units(model: &SpineModel, target: &TriMesh) -> Result<(), SpineError> {
+    let (low, high) = target.bounding_box();
+    let target_mm = (high - low).norm();
+    let source_mm = model.diagonal_mm;
+    let hint = if target_mm * MAX_SIZE_RATIO < source_mm {
+        "the target seems to be in metres; multiply it by 1000 to get millimetres"
+    } else if target_mm > source_mm * MAX_SIZE_RATIO {
+        "the target seems to be in micrometres; divide it by 1000 to get millimetres"
+    } else {
+        return Ok(());
+    };
+    Err(SpineError::UnitMismatch {
+        target_mm,
+        source_mm,
+        hint,
+    })
+}
+
+fn check_landmarks(surface: &TriMesh, landmarks: &[Point3<f64>]) -> Result<(), SpineError> {
+    for (level, landmark) in Level::ALL.into_iter().zip(landmarks) {
+        let distance_mm = surface
+            .vertices()
+            .iter()
+            .map(|p| (p - landmark).norm())
+            .fold(
+                f64::INFINITY,
+                |nearest, d| if d < nearest { d } else { nearest },
+            );
+        if distance_mm > MAX_LANDMARK_DISTANCE_MM {
+            return Err(SpineError::LandmarkFarFromSurface {
+                shape: Shape::Target,
+                level,
+                distance_mm,
+                max_distance_mm: MAX_LANDMARK_DISTANCE_MM,
+            });
+        }
+    }
+    Ok(())
+}
+
+fn sample(surface: &TriMesh, n: usize, rng: &mut ChaCha8Rng) -> FinePoints {
+    let components = connected_components(surface);
+    let mut chosen: Vec<usize> = (0..surface.n_vertices()).collect();
+    if chosen.len() > n {
+        chosen = index::sample(rng, surface.n_vertices(), n).into_vec();
+        chosen.sort_unstable();
+    }
+    // The surface is clean: every vertex belongs to a face and so to a piece.
+    let (points, piece) = chosen
+        .into_iter()
+        .filter_map(|v| Some((surface.vertices()[v], components.of_vertex[v]?)))
+        .unzip();
+    FinePoints {
+        points,
+        piece,
+        n_pieces: components.n_components,
+    }
+}
+
+fn thin_out(points: &[Point3<f64>], n: usize, rng: &mut ChaCha8Rng) -> Vec<Point3<f64>> {
+    if points.len() <= n {
+        return points.to_vec();
+    }
+    let mut chosen = index::sample(rng, points.len(), n).into_vec();
+    chosen.sort_unstable();
+    chosen.into_iter().map(|p| points[p]).collect()
+}

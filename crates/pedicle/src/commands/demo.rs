@@ -1,0 +1,164 @@
+//! `pedicle demo`: the phantom, one scenario, the result beside the truth.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{Args, ValueEnum};
+use comfy_table::presets::UTF8_FULL_CONDENSED;
+use comfy_table::{CellAlignment, Table};
+use pedicle_mesh::{WriteOptions, write_mesh};
+use pedicle_simulation::{
+    CaseVertebra, Deformation, MeshingOptions, PhantomParameters, Scenario, SimulatedTarget,
+    SpineCase, generate_phantom, simulate,
+};
+use pedicle_spine::{SourceVertebra, SpineModel, Target, Transfer, TransferOptions, transfer};
+use pedicle_trajectory::{SafetyMargins, write_landmarks, write_plan};
+
+use super::{exit_code, say, table::transfer_tables};
+use crate::{Error, TransferFile, write_json};
+
+/// Transfer the plan of a phantom spine to a simulated target and show the errors.
+#[derive(Debug, Args)]
+pub(super) struct Arguments {
+    /// What happens to the spine between CT and operating table.
+    #[arg(long, value_enum, default_value_t = DemoDeformation::Partial)]
+    deformation: DemoDeformation,
+    /// Standard deviation of the sensor's noise, mm.
+    #[arg(long, value_name = "MM", default_value_t = 1.0)]
+    noise_mm: f64,
+    /// Seed of the phantom's scenario.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+    /// Write the result as JSON.
+    #[arg(long, value_name = "OUT")]
+    json: Option<PathBuf>,
+    /// Write the demo's files to a folder, to try `pedicle transfer` on them.
+    #[arg(long, value_name = "DIR")]
+    save: Option<PathBuf>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum DemoDeformation {
+    /// The whole spine moved.
+    Rigid,
+    /// Every vertebra turned by 5° against the next.
+    NonRigid,
+    /// The same, and only the posterior half seen.
+    Partial,
+}
+
+impl Arguments {
+    pub(super) fn run(self) -> Result<ExitCode, Error> {
+        let phantom = generate_phantom(&PhantomParameters::default(), &MeshingOptions::default())?;
+        let plan = phantom.plan();
+        let source: Vec<SourceVertebra> = phantom
+            .vertebrae
+            .iter()
+            .map(|v| SourceVertebra {
+                level: v.level,
+                surface: v.mesh.clone(),
+            })
+            .collect();
+        let case = SpineCase {
+            vertebrae: phantom
+                .vertebrae
+                .iter()
+                .map(|v| CaseVertebra {
+                    level: v.level,
+                    mesh: v.mesh.clone(),
+                })
+                .collect(),
+            landmarks: phantom.landmarks(),
+        };
+        let scenario = Scenario {
+            deformation: match self.deformation {
+                DemoDeformation::Rigid => Deformation::Rigid,
+                DemoDeformation::NonRigid => Deformation::NonRigid,
+                DemoDeformation::Partial => Deformation::Partial,
+            },
+            noise_mm: self.noise_mm,
+            draw: 0,
+            seed: self.seed,
+        };
+        let simulated = simulate(&case, &scenario)?;
+        let target = Target {
+            surface: simulated.mesh.clone(),
+            landmarks: simulated.target_landmarks.clone(),
+        };
+        if let Some(folder) = &self.save {
+            std::fs::create_dir_all(folder).map_err(|source| Error::Write {
+                path: folder.clone(),
+                source,
+            })?;
+            for v in &phantom.vertebrae {
+                let path = folder.join("source").join(format!("{}.ply", v.level));
+                std::fs::create_dir_all(folder.join("source")).map_err(|source| Error::Write {
+                    path: path.clone(),
+                    source,
+                })?;
+                write_mesh(&path, &v.mesh, &WriteOptions::default())?;
+            }
+            write_mesh(
+                folder.join("target.ply"),
+                &target.surface,
+                &WriteOptions::default(),
+            )?;
+            write_plan(folder.join("plan.ron"), &plan)?;
+            write_landmarks(folder.join("source-landmarks.ron"), &case.landmarks)?;
+            write_landmarks(folder.join("target-landmarks.ron"), &target.landmarks)?;
+        }
+
+        let options = TransferOptions {
+            seed: self.seed,
+            ..TransferOptions::default()
+        };
+        let refused = |error| Error::Spine {
+            context: "the phantom".to_owned(),
+            error: Box::new(error),
+        };
+        let model = SpineModel::new(source, &case.landmarks, &options.map).map_err(refused)?;
+        let result = transfer(&model, &plan, &target, &options).map_err(refused)?;
+        if let Some(path) = &self.json {
+            write_json(path, &TransferFile::from(&result))?;
+        }
+        say(&format!(
+            "Phantom spine, {:?} target of {} vertices, noise {} mm, seed {}.\n",
+            self.deformation,
+            target.surface.n_vertices(),
+            self.noise_mm,
+            self.seed
+        ));
+        say(&transfer_tables(&result));
+        say(&truth_table(&model, &simulated, &result));
+        Ok(exit_code(result.all_accepted()))
+    }
+}
+
+fn truth_table(model: &SpineModel, simulated: &SimulatedTarget, result: &Transfer) -> String {
+    let mut table = Table::new();
+    table.load_preset(UTF8_FULL_CONDENSED).set_header([
+        "level",
+        "error mm",
+        "error °",
+        "within the margins",
+    ]);
+    for column in table.column_iter_mut().skip(1) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+    let margins = SafetyMargins::default();
+    for (vertebra, truth) in result.vertebrae.iter().zip(&simulated.truth) {
+        let centroid = model.centroid(vertebra.level);
+        let mm =
+            (vertebra.target_from_source * centroid - truth.target_from_source * centroid).norm();
+        let turn =
+            vertebra.target_from_source.rotation * truth.target_from_source.rotation.inverse();
+        let valid = margins.is_within(mm, turn.angle());
+        table.add_row([
+            vertebra.level.to_string(),
+            format!("{mm:.3}"),
+            format!("{:.3}", turn.angle().to_degrees()),
+            (if valid { "yes" } else { "NO" }).to_owned(),
+        ]);
+    }
+    format!("Compared with the truth:\n{table}")
+}

@@ -1,0 +1,115 @@
+//! `pedicle transfer`: a plan from a CT spine to a target surface.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+use pedicle_mesh::read_mesh;
+use pedicle_spine::{SpineError, SpineModel, Target, TransferOptions, transfer_with_progress};
+use pedicle_trajectory::{read_landmarks, read_plan};
+
+use super::{exit_code, say, table::transfer_tables};
+use crate::{Error, TransferFile, read_spine, write_json};
+
+/// Carry a plan to a target surface.
+#[derive(Debug, Args)]
+pub(super) struct Arguments {
+    /// Source spine: a folder with L1.ply to L5.ply, or one PLY with a vertex label a level.
+    #[arg(long, value_name = "SPINE")]
+    source: PathBuf,
+    /// Planned trajectories in the frame of the source, .ron or .json.
+    #[arg(long, value_name = "PLAN")]
+    plan: PathBuf,
+    /// Target surface, one unlabelled mesh in millimetres: PLY, STL, OBJ or OFF.
+    #[arg(long, value_name = "MESH")]
+    target: PathBuf,
+    /// Top of each spinous process in the frame of the source, .ron or .json.
+    #[arg(long, value_name = "FILE")]
+    source_landmarks: PathBuf,
+    /// The same points in the frame of the target, to some millimetres.
+    #[arg(long, value_name = "FILE")]
+    target_landmarks: PathBuf,
+    /// Write the result as JSON.
+    #[arg(long, value_name = "OUT")]
+    json: Option<PathBuf>,
+    /// Seed of everything random: the same seed gives the same result.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
+}
+
+/// Steps shown by the progress bar: reading and preparing the source, then the four stages.
+const N_STEPS: u64 = 6;
+
+impl Arguments {
+    pub(super) fn run(self) -> Result<ExitCode, Error> {
+        let bar = progress_bar();
+        bar.set_message("reading the source");
+        let vertebrae = read_spine(&self.source)?;
+        let plan = read_plan(&self.plan)?;
+        let source_landmarks = read_landmarks(&self.source_landmarks)?;
+        let target = Target {
+            surface: read_mesh(&self.target)?.mesh,
+            landmarks: read_landmarks(&self.target_landmarks)?,
+        };
+        bar.inc(1);
+
+        bar.set_message("preparing the source");
+        let options = TransferOptions {
+            seed: self.seed,
+            ..TransferOptions::default()
+        };
+        let model = SpineModel::new(vertebrae, &source_landmarks, &options.map)
+            .map_err(|error| self.blame(error))?;
+        let transfer = transfer_with_progress(&model, &plan, &target, &options, &mut |stage| {
+            bar.inc(1);
+            bar.set_message(stage.to_string());
+        })
+        .map_err(|error| self.blame(error))?;
+        bar.finish_and_clear();
+
+        if let Some(path) = &self.json {
+            write_json(path, &TransferFile::from(&transfer))?;
+        }
+        say(&transfer_tables(&transfer));
+        Ok(exit_code(transfer.all_accepted()))
+    }
+
+    /// Names the file that an error is about.
+    fn blame(&self, error: SpineError) -> Error {
+        use pedicle_spine::Shape;
+        let landmark_file = |shape: &Shape| match shape {
+            Shape::Source => &self.source_landmarks,
+            Shape::Target => &self.target_landmarks,
+        };
+        let file: &Path = match &error {
+            SpineError::EmptyPlan | SpineError::PlanOffSpine { .. } => &self.plan,
+            SpineError::MissingLandmark { shape, .. }
+            | SpineError::DoubledLandmark { shape, .. }
+            | SpineError::NonFiniteLandmark { shape, .. }
+            | SpineError::LandmarkFarFromSurface { shape, .. } => landmark_file(shape),
+            SpineError::UnitMismatch { .. } => &self.target,
+            SpineError::TooFewVertices { shape, .. }
+            | SpineError::Mesh { shape, .. }
+            | SpineError::Operators { shape, .. }
+            | SpineError::Spectrum { shape, .. } => match shape {
+                Shape::Source => &self.source,
+                Shape::Target => &self.target,
+            },
+            _ => &self.source,
+        };
+        Error::Spine {
+            context: file.display().to_string(),
+            error: Box::new(error),
+        }
+    }
+}
+
+fn progress_bar() -> ProgressBar {
+    let bar = ProgressBar::new(N_STEPS);
+    // Shown only on a terminal; indicatif stays silent otherwise.
+    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} {msg}") {
+        bar.set_style(style);
+    }
+    bar
+}

@@ -1,0 +1,104 @@
+//! What the command line can refuse.
+
+use std::path::PathBuf;
+
+use pedicle_trajectory::Level;
+
+/// Why a command could not do its work. Every text is one sentence that names the file.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A mesh file could not be read.
+    #[error(transparent)]
+    ReadMesh(#[from] pedicle_mesh::ReadError),
+    /// A mesh file could not be written.
+    #[error(transparent)]
+    WriteMesh(#[from] pedicle_mesh::WriteError),
+    /// A plan or landmark file could not be read.
+    #[error(transparent)]
+    Format(#[from] pedicle_trajectory::FormatError),
+    /// A folder could not be listed.
+    #[error("{}: the folder cannot be read: {source}", path.display())]
+    ReadFolder {
+        /// The folder.
+        path: PathBuf,
+        /// The reason.
+        source: std::io::Error,
+    },
+    /// A level has no surface.
+    #[error("{}: no surface for {level} (expected files L1.ply to L5.ply, or .stl, .obj, .off)", path.display())]
+    MissingLevel {
+        /// The folder or file.
+        path: PathBuf,
+        /// The level.
+        level: Level,
+    },
+    /// A level has two surfaces.
+    #[error("{}: {level} is there more than once: {first} and {second}", path.display())]
+    DoubledLevel {
+        /// The folder or file.
+        path: PathBuf,
+        /// The level.
+        level: Level,
+        /// The first file or label.
+        first: String,
+        /// The second one.
+        second: String,
+    },
+    /// A single mesh without labels was given as a spine.
+    #[error(
+        "{}: the mesh has no vertex property \"label\" that tells the levels apart; give a folder \
+         with L1.ply to L5.ply or a labelled PLY (labels 1 to 5, or 20 to 24 as in VerSe)",
+        path.display()
+    )]
+    NoLabels {
+        /// The file.
+        path: PathBuf,
+    },
+    /// Labels that are not lumbar levels.
+    #[error(
+        "{}: the labels {found:?} do not name L1 to L5 (1 to 5, or 20 to 24 as in VerSe)",
+        path.display()
+    )]
+    UnknownLabels {
+        /// The file.
+        path: PathBuf,
+        /// The labels found.
+        found: Vec<u32>,
+    },
+    /// The spine, plan or target was refused.
+    #[error("{context}: {error}")]
+    Spine {
+        /// Which file it is about.
+        context: String,
+        /// Why.
+        error: Box<pedicle_spine::SpineError>,
+    },
+    /// The shape of a vertebra could not be read.
+    #[error("{}: {error}", path.display())]
+    Anatomy {
+        /// The spine.
+        path: PathBuf,
+        /// Why.
+        error: pedicle_trajectory::AnatomyError,
+    },
+    /// No plan could be made.
+    #[error("{}: {error}", path.display())]
+    Planner {
+        /// The spine.
+        path: PathBuf,
+        /// Why.
+        error: pedicle_trajectory::PlannerError,
+    },
+    /// The phantom could not be made.
+    #[error(transparent)]
+    Simulation(#[from] pedicle_simulation::SimulationError),
+    /// The result could not be written.
+    #[error("{}: the result cannot be written: {source}", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// The reason.
+        source: std::io::Error,
+    },
+}

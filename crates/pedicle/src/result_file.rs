@@ -1,0 +1,144 @@
+//! The result of a transfer as JSON.
+
+use std::io::Write;
+use std::path::Path;
+
+use pedicle_spine::Transfer;
+use pedicle_trajectory::{Level, Side};
+use serde::{Deserialize, Serialize};
+
+use crate::Error;
+
+/// Order of the rows and columns of `covariance`.
+pub const COVARIANCE_ORDER: [&str; 6] = [
+    "rotation_x_rad",
+    "rotation_y_rad",
+    "rotation_z_rad",
+    "translation_x_mm",
+    "translation_y_mm",
+    "translation_z_mm",
+];
+
+/// The whole result.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TransferFile {
+    /// Order of the rows and columns of every `covariance`.
+    pub covariance_order: [String; 6],
+    /// One entry a level.
+    pub vertebrae: Vec<VertebraEntry>,
+    /// In the order of the plan.
+    pub trajectories: Vec<TrajectoryEntry>,
+}
+
+/// One vertebra.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct VertebraEntry {
+    /// Its level.
+    pub level: Level,
+    /// Whether the method vouches for it.
+    pub accepted: bool,
+    /// Why not, as sentences.
+    pub reasons: Vec<String>,
+    /// 4 × 4 homogeneous matrix, row-major, mm.
+    pub target_from_source: [[f64; 4]; 4],
+    /// Root mean square distance of its points from its surface, mm; null without a fit.
+    pub residual_mm: Option<f64>,
+    /// Estimated noise of the target, mm; null without a fit.
+    pub noise_mm: Option<f64>,
+    /// Covariance of the pose about `covariance_center_mm` (target frame), in
+    /// `covariance_order`; null without a fit.
+    pub covariance: Option<[[f64; 6]; 6]>,
+    /// Centre of rotation of the covariance, in the target frame; null without a fit.
+    pub covariance_center_mm: Option<[f64; 3]>,
+    /// Target points given to it.
+    pub n_points: usize,
+    /// Share of its posterior surface that the target shows.
+    pub posterior_coverage: f64,
+    /// Where its pose came from.
+    pub origin: String,
+}
+
+/// One trajectory in the frame of the target.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TrajectoryEntry {
+    /// Level of the vertebra.
+    pub level: Level,
+    /// Side of the pedicle.
+    pub side: Side,
+    /// Entry, mm.
+    pub entry_mm: [f64; 3],
+    /// Tip, mm.
+    pub tip_mm: [f64; 3],
+    /// Diameter of the screw, mm.
+    pub diameter_mm: f64,
+    /// Whether the method vouches for its vertebra.
+    pub accepted: bool,
+}
+
+impl From<&Transfer> for TransferFile {
+    fn from(transfer: &Transfer) -> Self {
+        let finite = |x: f64| x.is_finite().then_some(x);
+        let vertebrae = transfer
+            .vertebrae
+            .iter()
+            .map(|v| {
+                let matrix = v.target_from_source.to_homogeneous();
+                VertebraEntry {
+                    level: v.level,
+                    accepted: v.accepted,
+                    reasons: v.reasons.iter().map(ToString::to_string).collect(),
+                    target_from_source: rows(|i, j| matrix[(i, j)]),
+                    residual_mm: finite(v.residual_mm),
+                    noise_mm: finite(v.noise_mm),
+                    covariance: v.covariance.map(|c| rows(|i, j| c.matrix[(i, j)])),
+                    covariance_center_mm: v.covariance.map(|c| c.center.into()),
+                    n_points: v.n_points,
+                    posterior_coverage: v.posterior_coverage,
+                    origin: v.origin.to_string(),
+                }
+            })
+            .collect();
+        let trajectories = transfer
+            .trajectories
+            .iter()
+            .map(|t| TrajectoryEntry {
+                level: t.trajectory.level,
+                side: t.trajectory.side,
+                entry_mm: t.trajectory.entry_mm.into(),
+                tip_mm: t.trajectory.tip_mm.into(),
+                diameter_mm: t.trajectory.diameter_mm,
+                accepted: t.accepted,
+            })
+            .collect();
+        Self {
+            covariance_order: COVARIANCE_ORDER.map(String::from),
+            vertebrae,
+            trajectories,
+        }
+    }
+}
+
+fn rows<const N: usize>(entry: impl Fn(usize, usize) -> f64) -> [[f64; N]; N] {
+    std::array::from_fn(|i| std::array::from_fn(|j| entry(i, j)))
+}
+
+/// Writes a value as indented JSON, whole or not at all: first beside the file, then renamed.
+///
+/// # Errors
+/// [`Error::Write`] if the folder does not exist or cannot be written.
+pub fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Error> {
+    let refused = |source| Error::Write {
+        path: path.to_owned(),
+        source,
+    };
+    let mut text = serde_json::to_string_pretty(value).map_err(|e| refused(e.into()))?;
+    text.push('\n');
+    let folder = path
+        .parent()
+        .filter(|p| !p.as_os_str().is_empty())
+        .unwrap_or(Path::new("."));
+    let mut file = tempfile::NamedTempFile::new_in(folder).map_err(refused)?;
+    file.write_all(text.as_bytes()).map_err(refused)?;
+    file.persist(path).map_err(|e| refused(e.error))?;
+    Ok(())
+}

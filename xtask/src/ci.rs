@@ -1,0 +1,88 @@
+//! `cargo xtask ci`: everything that must hold before a change lands.
+
+use std::path::Path;
+use std::process::Command;
+
+use clap::Args;
+
+use crate::{XtaskError, complain, say};
+
+/// Run what .ci/run runs: format, lints, tests, documentation, and a reduced benchmark on the
+/// phantom and, where they are, on the real spines.
+#[derive(Debug, Args)]
+pub(crate) struct Arguments {
+    /// Folder with the real spines; skipped, with a word, if it is not there.
+    #[arg(long, value_name = "DIR", default_value = "../shared/data")]
+    data: std::path::PathBuf,
+}
+
+/// Draws a cell of the reduced benchmark.
+const DRAWS: &str = "3";
+
+impl Arguments {
+    pub(crate) fn run(self) -> Result<bool, XtaskError> {
+        let mut steps: Vec<(&str, Vec<String>, Option<&str>)> = vec![
+            ("format", words("cargo fmt --all -- --check"), None),
+            (
+                "lints",
+                words("cargo clippy --workspace --all-targets --locked -- -D warnings"),
+                None,
+            ),
+            ("tests", words("cargo test --workspace --locked"), None),
+            (
+                "documentation",
+                words("cargo doc --workspace --no-deps --locked"),
+                Some("-D warnings"),
+            ),
+        ];
+        let mut spines = vec!["fixtures/phantom".to_owned()];
+        for spine in ["vhp-male-remus", "verse010"] {
+            let path = self.data.join(spine);
+            if path.is_dir() {
+                spines.push(path.display().to_string());
+            } else {
+                say(&format!(
+                    "{}: not there, its benchmark is skipped",
+                    path.display()
+                ));
+            }
+        }
+        for spine in &spines {
+            let mut command = words("cargo xtask bench-scenarios --draws");
+            command.extend([DRAWS.to_owned(), "--spine".to_owned(), spine.clone()]);
+            steps.push(("benchmark", command, None));
+        }
+        for (what, command, rustdocflags) in steps {
+            if !step(what, &command, rustdocflags)? {
+                complain(&format!("{what} failed: {}", command.join(" ")));
+                return Ok(false);
+            }
+        }
+        say("everything holds");
+        Ok(true)
+    }
+}
+
+fn words(line: &str) -> Vec<String> {
+    line.split_whitespace().map(String::from).collect()
+}
+
+fn step(what: &str, words: &[String], rustdocflags: Option<&str>) -> Result<bool, XtaskError> {
+    say(&format!("--- {what}: {}", words.join(" ")));
+    let mut command = Command::new(&words[0]);
+    command.args(&words[1..]).current_dir(workspace_root());
+    if let Some(flags) = rustdocflags {
+        command.env("RUSTDOCFLAGS", flags);
+    }
+    let status = command.status().map_err(|source| XtaskError::Command {
+        command: words.join(" "),
+        source,
+    })?;
+    Ok(status.success())
+}
+
+fn workspace_root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .parent()
+        .unwrap_or(Path::new("."))
+}

@@ -1,0 +1,87 @@
+//! What a chore can fail with.
+
+use std::path::PathBuf;
+
+/// Why a chore could not be done.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum XtaskError {
+    /// Reading or preparing a spine.
+    #[error(transparent)]
+    Pedicle(#[from] pedicle::Error),
+    /// Reading or writing a plan.
+    #[error(transparent)]
+    Format(#[from] pedicle_trajectory::FormatError),
+    /// Writing a mesh.
+    #[error(transparent)]
+    WriteMesh(#[from] pedicle_mesh::WriteError),
+    /// Simplifying a vertebra.
+    #[error("{spine}: {error}")]
+    Mesh {
+        /// Which spine.
+        spine: String,
+        /// Why.
+        error: pedicle_mesh::MeshError,
+    },
+    /// Measuring the anatomy.
+    #[error("{spine}: {error}")]
+    Anatomy {
+        /// Which spine.
+        spine: String,
+        /// Why.
+        error: pedicle_trajectory::AnatomyError,
+    },
+    /// The source spine was refused.
+    #[error("{spine}: {error}")]
+    Model {
+        /// Which spine.
+        spine: String,
+        /// Why.
+        error: Box<pedicle_spine::SpineError>,
+    },
+    /// A scenario could not be simulated.
+    #[error(transparent)]
+    Simulation(#[from] pedicle_simulation::SimulationError),
+    /// The pipeline refused a scenario.
+    #[error("{scenario}: the transfer failed: {error}")]
+    Transfer {
+        /// Which scenario.
+        scenario: String,
+        /// Why.
+        error: Box<pedicle_spine::SpineError>,
+    },
+    /// A transferred trajectory could not be checked.
+    #[error("{scenario}: {error}")]
+    Check {
+        /// Which scenario.
+        scenario: String,
+        /// Why.
+        error: String,
+    },
+    /// A file could not be read or written.
+    #[error("{}: {source}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The gates are not as they should be.
+    #[error("{}: {message}", path.display())]
+    Gates {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        message: String,
+    },
+    /// Threads could not be started.
+    #[error("the thread pool could not be started: {0}")]
+    Threads(#[from] rayon::ThreadPoolBuildError),
+    /// A command could not be started.
+    #[error("{command}: {source}")]
+    Command {
+        /// The command line.
+        command: String,
+        /// Why.
+        source: std::io::Error,
+    },
+}
