@@ -4,13 +4,16 @@ use faer::{Mat, MatRef};
 
 use crate::components::Component;
 use crate::dense::all_eigenpairs;
-use crate::factor::{Factorizer, ShiftedFactor, elimination_order};
-use crate::lanczos::{LanczosProblem, eigenvectors_below};
+use crate::factor::{Factorizer, elimination_order};
+use crate::lanczos::{LanczosProblem, smallest_eigenvectors};
 use crate::pencil::Pencil;
 use crate::{EigenOptions, SpectralError};
 
 /// Blocks up to this size are always solved densely: it takes less than a millisecond.
 const DENSE_ROWS: usize = 120;
+/// Where the shift of the iteration lies in the wanted part of the spectrum. Measured: on a
+/// uniform spectrum 0.5 to 0.7 need the fewest columns.
+const SHIFT_INSIDE: f64 = 0.55;
 
 /// One connected block, prepared for counting and solving.
 pub(crate) struct Block {
@@ -29,20 +32,16 @@ enum Solver {
     Sparse(Factorizer),
 }
 
-/// What counting found out about a block at one shift.
-pub(crate) enum Count<'a> {
-    Dense(usize),
-    Sparse(ShiftedFactor<'a>),
-}
-
-impl Count<'_> {
-    /// Number of eigenvalues below the shift.
-    pub(crate) fn n_below(&self) -> usize {
-        match self {
-            Self::Dense(count) => *count,
-            Self::Sparse(factor) => factor.n_below(),
-        }
-    }
+/// The part of the spectrum of a block that is wanted.
+pub(crate) struct Part<'a> {
+    /// Its end μ.
+    pub(crate) end: f64,
+    /// Number of eigenvalues below μ.
+    pub(crate) n_below: usize,
+    /// Number of them that are wanted, the smallest.
+    pub(crate) n_wanted: usize,
+    /// Options of the caller.
+    pub(crate) options: &'a EigenOptions,
 }
 
 /// Eigenpairs of one block, ascending, and how they were found.
@@ -97,64 +96,56 @@ impl Block {
         matches!(self.solver, Solver::Dense { .. })
     }
 
-    /// Counts the eigenvalues below a shift.
-    pub(crate) fn count_below(&self, shift: f64) -> Result<Count<'_>, SpectralError> {
-        Ok(match &self.solver {
+    /// Number of eigenvalues below a shift.
+    pub(crate) fn count_below(&self, shift: f64) -> Result<usize, SpectralError> {
+        match &self.solver {
             Solver::Dense { eigenvalues, .. } => {
-                Count::Dense(eigenvalues.iter().filter(|&&l| l < shift).count())
+                Ok(eigenvalues.iter().filter(|&&l| l < shift).count())
             }
-            Solver::Sparse(factorizer) => Count::Sparse(factorizer.factorize(shift)?),
-        })
+            Solver::Sparse(factorizer) => factorizer.count_below(shift),
+        }
     }
 
-    /// All eigenpairs below the shift that were counted.
-    pub(crate) fn solve(
-        &self,
-        count: Count<'_>,
-        shift: f64,
-        options: &EigenOptions,
-    ) -> Result<BlockPairs, SpectralError> {
-        let n_below = count.n_below();
-        let (vectors, n_solves, n_restarts) = match (&self.solver, count) {
-            (Solver::Dense { vectors, .. }, _) => (vectors.subcols(0, n_below).to_owned(), 0, 0),
-            (_, Count::Dense(_)) => (Mat::zeros(self.pencil.n(), 0), 0, 0),
-            (Solver::Sparse(_), Count::Sparse(mut factor)) => {
+    /// The wanted eigenpairs.
+    pub(crate) fn solve(&self, part: &Part<'_>) -> Result<BlockPairs, SpectralError> {
+        let n_known = usize::from(self.null_vector.is_some()).min(part.n_wanted);
+        let (vectors, n_solves, n_restarts) = match &self.solver {
+            // The dense solver has found the known vector as well, as its first.
+            Solver::Dense { vectors, .. } => {
+                let others = vectors.subcols(n_known, part.n_wanted - n_known);
+                (others.to_owned(), 0, 0)
+            }
+            Solver::Sparse(_) if part.n_wanted == n_known => (Mat::zeros(self.pencil.n(), 0), 0, 0),
+            Solver::Sparse(factorizer) => {
                 let problem = LanczosProblem {
-                    shift,
-                    n_wanted: n_below - usize::from(self.null_vector.is_some()).min(n_below),
+                    shift: SHIFT_INSIDE * part.end,
+                    end: part.end,
+                    n_below: part.n_below - n_known,
+                    n_wanted: part.n_wanted - n_known,
                     known: self.null_vector.as_deref(),
-                    options,
+                    options: part.options,
                 };
-                if problem.n_wanted == 0 {
-                    (Mat::zeros(self.pencil.n(), 0), 0, 0)
-                } else {
-                    let found = eigenvectors_below(&mut factor, self.pencil.n(), &problem)?;
-                    (found.vectors, found.n_solves, found.n_restarts)
-                }
+                let mut factor = factorizer.factorize(problem.shift)?;
+                let found = smallest_eigenvectors(&mut factor, self.pencil.n(), &problem)?;
+                (found.vectors, found.n_solves, found.n_restarts)
             }
         };
-        let columns = self.scaled_columns(vectors.as_ref(), n_below);
+        let columns = self.scaled_columns(vectors.as_ref(), n_known);
         Ok(self.sorted_pairs(columns, n_solves, n_restarts))
     }
 
-    /// Columns x = M^(-1/2) y, with the exact null vector in the place of the computed one.
-    fn scaled_columns(&self, vectors: MatRef<'_, f64>, n_below: usize) -> Vec<Vec<f64>> {
+    /// Columns x = M^(-1/2) y, the exact null vector first.
+    fn scaled_columns(&self, vectors: MatRef<'_, f64>, n_known: usize) -> Vec<Vec<f64>> {
         let scale: Vec<f64> = self.pencil.mass.iter().map(|m| 1.0 / m.sqrt()).collect();
-        let mut columns = Vec::with_capacity(n_below);
-        let mut first = 0;
-        if let Some(null_vector) = &self.null_vector {
-            columns.push(null_vector.clone());
-            // The dense solver has found it as well, as its first.
-            first = usize::from(self.is_dense()).min(vectors.ncols());
-        }
-        columns.extend((first..vectors.ncols()).map(|j| {
+        let known = self.null_vector.iter().take(n_known).cloned();
+        let mut columns: Vec<Vec<f64>> = known.collect();
+        columns.extend((0..vectors.ncols()).map(|j| {
             let mut column: Vec<f64> = vectors.col(j).iter().copied().collect();
             if let Some(null_vector) = &self.null_vector {
                 project_off(&mut column, null_vector);
             }
             column
         }));
-        columns.truncate(n_below);
         for column in &mut columns {
             for (x, s) in column.iter_mut().zip(&scale) {
                 *x *= s;

@@ -11,7 +11,7 @@
 use faer::Mat;
 use sprs::CsMat;
 
-use crate::block::{Block, BlockPairs};
+use crate::block::{Block, BlockPairs, Part};
 use crate::components::{check_pencil, connected_components};
 use crate::shift::find_shift;
 use crate::{EigenOptions, LaplaceBasis, SpectralError};
@@ -118,9 +118,8 @@ pub fn smallest_eigenpairs(
         n_solves: 0,
         n_restarts: 0,
     };
-    let (shift, n_below, counts) = if blocks.iter().all(Block::is_dense) {
-        let counts = blocks.iter().map(|b| b.count_below(f64::INFINITY));
-        let counts = counts.collect::<Result<Vec<_>, _>>()?;
+    let (end, n_below, counts) = if blocks.iter().all(Block::is_dense) {
+        let counts = blocks.iter().map(|b| b.pencil().n()).collect();
         (f64::INFINITY, mass.len(), counts)
     } else {
         let found = find_shift(&blocks, n_pairs)?;
@@ -128,20 +127,25 @@ pub fn smallest_eigenpairs(
         (found.shift, found.n_below, found.counts)
     };
     let mut parts = Vec::with_capacity(blocks.len());
-    for (block, count) in blocks.iter().zip(counts) {
-        parts.push(block.solve(count, shift, options)?);
+    for (block, n_below) in blocks.iter().zip(counts) {
+        parts.push(block.solve(&Part {
+            end,
+            n_below,
+            // A single block has all the wanted pairs; of several nobody knows before the merge.
+            n_wanted: if blocks.len() == 1 { n_pairs } else { n_below },
+            options,
+        })?);
     }
     for part in &parts {
         work.n_solves += part.n_solves;
         work.n_restarts += part.n_restarts;
     }
-    let n_found = parts.iter().map(|p| p.eigenvalues.len()).sum();
     let mut pairs = merge(&parts, mass.len(), n_pairs);
     pairs.certificate = Certificate {
-        shift,
+        shift: end,
         n_below,
-        n_found,
-        complete: n_below == n_found,
+        n_found: n_below,
+        complete: true,
     };
     pairs.work = work;
     let null_blocks = blocks.iter().filter(|b| b.pencil().annihilates_constants());

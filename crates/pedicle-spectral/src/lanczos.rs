@@ -1,14 +1,17 @@
-//! Block Lanczos with thick restarts and locking for the eigenpairs below a shift.
+//! Block Lanczos with thick restarts for the smallest eigenpairs.
 //!
 //! ```text
-//! A = K(μ)⁻¹,   A V = V T + Q R Eᵀ,   T s = θ s,   λ = μ + 1/θ
+//! A = K(σ)⁻¹,   A V = V T + Q R Eᵀ,   T s = θ s,   λ = σ + 1/θ
 //! ‖K x - x/θ‖ = ‖R s_last‖ / θ²   for   x = V s + Q R s_last / θ
 //! ```
 //!
-//! V is n × m orthonormal, T = VᵀAV symmetric, Q the next block, s_last the last block of s. The
-//! eigenvalues below μ are exactly those with θ < 0, and inertia tells how many there are: the
-//! iteration ends when it has that many, so none can be missed. μ lies just above the wanted part
-//! of the spectrum, where both of its ends are well separated from the rest (θ > 0).
+//! V is n × m orthonormal, T = VᵀAV symmetric, Q the next block, s_last the last block of s.
+//!
+//! The shift σ lies inside the wanted part of the spectrum: its two ends are then equally far from
+//! σ, and the basis needs a third fewer columns than with a shift below the spectrum. A second
+//! shift μ at the end of the wanted part is only for counting: inertia tells how many eigenvalues
+//! are below it. A Ritz value with λ < μ can only exist for an eigenvalue with λ < μ (Cauchy's
+//! interlacing theorem), so when there are as many as were counted, none is missing.
 //!
 //! Golub & Underwood 1977 (blocks); Grimes, Lewis & Simon 1994 (shifts and inertia); Wu & Simon
 //! 2000 (thick restart); Ericsson & Ruhe 1980 (the step from V s to x).
@@ -21,15 +24,18 @@ use faer::{Accum, Mat, MatRef, Par};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
-use crate::factor::ShiftedFactor;
 use crate::orthogonalize::{fill_gaussian, orthonormalize};
+use crate::triangular::TriangularFactor;
 use crate::{EigenOptions, SpectralError};
 
-/// Eigenvectors of K(μ) below 0, in no particular order.
+/// Columns per wanted pair before convergence is looked at for the first time.
+const FIRST_CHECK: f64 = 1.6;
+
+/// The wanted eigenvectors, in no particular order.
 pub(crate) struct RitzVectors {
     /// n × count, of unit length.
     pub(crate) vectors: Mat<f64>,
-    /// Number of columns multiplied by K(μ)⁻¹.
+    /// Number of columns multiplied by K(σ)⁻¹.
     pub(crate) n_solves: usize,
     /// Number of restarts.
     pub(crate) n_restarts: usize,
@@ -37,9 +43,13 @@ pub(crate) struct RitzVectors {
 
 /// What is looked for in one connected block.
 pub(crate) struct LanczosProblem<'a> {
-    /// The shift μ.
+    /// The shift σ of the factorisation, positive and inside the wanted part of the spectrum.
     pub(crate) shift: f64,
-    /// Number of eigenpairs below the shift, the known vector not counted.
+    /// The end μ > σ of the part of the spectrum in which eigenvalues were counted.
+    pub(crate) end: f64,
+    /// Number of eigenvalues below μ, the known vector not counted.
+    pub(crate) n_below: usize,
+    /// Number of eigenpairs that must converge, the smallest; the others must only be found.
     pub(crate) n_wanted: usize,
     /// An eigenvector that is known exactly, of unit length.
     pub(crate) known: Option<&'a [f64]>,
@@ -57,9 +67,9 @@ struct Ritz {
     coupling: Vec<f64>,
 }
 
-struct Lanczos<'a, 'f> {
+struct Lanczos<'a> {
     problem: &'a LanczosProblem<'a>,
-    factor: &'a mut ShiftedFactor<'f>,
+    factor: &'a mut TriangularFactor,
     rng: ChaCha8Rng,
     /// Orthonormal columns: the known vector, the m - `n_known` of V, the next block Q.
     basis: Mat<f64>,
@@ -75,18 +85,17 @@ struct Lanczos<'a, 'f> {
     n_solves: usize,
 }
 
-/// Finds all eigenpairs below the shift.
-pub(crate) fn eigenvectors_below(
-    factor: &mut ShiftedFactor<'_>,
+/// Finds the smallest eigenpairs.
+pub(crate) fn smallest_eigenvectors(
+    factor: &mut TriangularFactor,
     n: usize,
     problem: &LanczosProblem<'_>,
 ) -> Result<RitzVectors, SpectralError> {
     let b = problem.options.block_size;
-    let tolerance = problem.options.tolerance;
     let capacity = basis_capacity(n, problem);
-    let mut lanczos = Lanczos::start(factor, n, capacity, problem)?;
+    let mut lanczos = Lanczos::start(factor, n, capacity, problem);
     let mut n_restarts = 0;
-    let mut next_check = problem.n_wanted + problem.n_wanted / 4 + 3 * b;
+    let mut next_check = (FIRST_CHECK * problem.n_wanted as f64) as usize + 4 * b;
     loop {
         lanczos.expand();
         let is_full = lanczos.m + b > capacity;
@@ -94,17 +103,10 @@ pub(crate) fn eigenvectors_below(
             continue;
         }
         let ritz = lanczos.ritz()?;
-        let wanted: Vec<usize> = (0..ritz.theta.len())
-            .filter(|&i| is_below(ritz.theta[i], problem.shift))
-            .collect();
-        let residuals: Vec<f64> = wanted
-            .iter()
-            .map(|&i| ritz.residual(i) / problem.shift)
-            .collect();
-        let n_converged = residuals.iter().filter(|&&r| r <= tolerance).count();
-        if n_converged == problem.n_wanted && wanted.len() == problem.n_wanted {
+        let status = Status::of(&ritz, problem);
+        if status.is_complete {
             return Ok(RitzVectors {
-                vectors: lanczos.finish(&ritz, &wanted),
+                vectors: lanczos.finish(&ritz, &status.below[..problem.n_wanted]),
                 n_solves: lanczos.n_solves,
                 n_restarts,
             });
@@ -112,20 +114,20 @@ pub(crate) fn eigenvectors_below(
         if is_full {
             if n_restarts == problem.options.max_restarts {
                 return Err(SpectralError::NotConverged {
-                    n_converged,
-                    requested: problem.n_wanted,
-                    shift: problem.shift,
-                    worst_residual: residuals.iter().copied().fold(0.0, f64::max),
+                    n_converged: status.n_converged,
+                    requested: problem.n_below,
+                    shift: problem.end,
+                    worst_residual: status.worst_residual,
                 });
             }
             n_restarts += 1;
             // If all that is in reach has converged, something orthogonal to the whole Krylov
             // space is missing: only a new direction can find it.
-            if n_converged == wanted.len() {
-                lanczos.restart(&ritz, &wanted);
+            if status.n_converged == status.below.len() {
+                lanczos.restart(&ritz, &status.below);
                 lanczos.renew_next_block();
             } else {
-                lanczos.restart(&ritz, &kept_on_restart(&ritz, wanted.len(), b));
+                lanczos.restart(&ritz, &kept_on_restart(&ritz, &status.below, b));
             }
         }
         next_check = lanczos.m + 2 * b;
@@ -136,23 +138,65 @@ pub(crate) fn eigenvectors_below(
 fn basis_capacity(n: usize, problem: &LanczosProblem<'_>) -> usize {
     let b = problem.options.block_size;
     let n_known = usize::from(problem.known.is_some());
-    let automatic = 2 * problem.n_wanted + 12 * b;
-    let smallest = problem.n_wanted + 5 * b;
+    let automatic = 3 * problem.n_below + 12 * b;
+    let smallest = problem.n_below + 5 * b;
     let asked = problem.options.max_basis_size.unwrap_or(automatic);
     (n_known + asked.max(smallest)).min(n - b)
 }
 
-/// Whether a Ritz value belongs to an eigenvalue below the shift; the margin is for rounding.
-fn is_below(theta: f64, shift: f64) -> bool {
-    theta * shift < -1e-6
+/// How far the iteration has come.
+struct Status {
+    /// Pairs with λ < μ, λ ascending.
+    below: Vec<usize>,
+    n_converged: usize,
+    /// Relative to μ.
+    worst_residual: f64,
+    is_complete: bool,
 }
 
-/// The wanted pairs, which come first, and as many of the largest θ > 0 as two blocks hold: they
-/// are next to the shift and would only have to be found again.
-fn kept_on_restart(ritz: &Ritz, n_wanted: usize, block_size: usize) -> Vec<usize> {
-    let n = ritz.theta.len();
-    let first_above = (n - (2 * block_size).min(n)).max(n_wanted);
-    (0..n_wanted).chain(first_above..n).collect()
+impl Status {
+    fn of(ritz: &Ritz, problem: &LanczosProblem<'_>) -> Self {
+        let lambda = |theta: f64| problem.shift + 1.0 / theta;
+        // θ between 0 and the first bound belongs to λ > μ. Below 0 it belongs to λ < σ; the second
+        // bound, of λ far below 0, is for rounding.
+        let first_above = 1.0 / (problem.end - problem.shift);
+        let mut below: Vec<usize> = (0..ritz.theta.len())
+            .filter(|&i| ritz.theta[i] > first_above || ritz.theta[i] * problem.shift < -1e-6)
+            .collect();
+        below.sort_by(|&i, &j| lambda(ritz.theta[i]).total_cmp(&lambda(ritz.theta[j])));
+        let limit = problem.options.tolerance * problem.end;
+        let is_converged = |i: usize| ritz.residual(i) <= limit;
+        let wanted = &below[..problem.n_wanted.min(below.len())];
+        let last = wanted
+            .last()
+            .map_or(f64::NEG_INFINITY, |&i| lambda(ritz.theta[i]));
+        // A pair that has not converged may still move, but not further than its residual; it must
+        // not get among the wanted ones.
+        let stays_above = |i: usize| {
+            let theta = ritz.theta[i];
+            is_converged(i) || (theta > 0.0 && lambda(theta + ritz.coupling[i]) > last)
+        };
+        let residuals = wanted.iter().map(|&i| ritz.residual(i) / problem.end);
+        Self {
+            n_converged: below.iter().filter(|&&i| is_converged(i)).count(),
+            worst_residual: residuals.fold(0.0, f64::max),
+            is_complete: below.len() == problem.n_below
+                && wanted.iter().all(|&i| is_converged(i))
+                && below[wanted.len()..].iter().all(|&i| stays_above(i)),
+            below,
+        }
+    }
+}
+
+/// All pairs below μ and as many of the next ones above it as two blocks hold.
+fn kept_on_restart(ritz: &Ritz, below: &[usize], block_size: usize) -> Vec<usize> {
+    let mut kept = below.to_vec();
+    kept.sort_unstable();
+    let above = (0..ritz.theta.len()).filter(|i| ritz.theta[*i] > 0.0);
+    let above: Vec<usize> = above.filter(|i| kept.binary_search(i).is_err()).collect();
+    let first = above.len().saturating_sub(2 * block_size);
+    kept.extend(&above[first..]);
+    kept
 }
 
 impl Ritz {
@@ -162,15 +206,14 @@ impl Ritz {
     }
 }
 
-impl<'a, 'f> Lanczos<'a, 'f> {
+impl<'a> Lanczos<'a> {
     fn start(
-        factor: &'a mut ShiftedFactor<'f>,
+        factor: &'a mut TriangularFactor,
         n: usize,
         capacity: usize,
         problem: &'a LanczosProblem<'a>,
-    ) -> Result<Self, SpectralError> {
+    ) -> Self {
         let b = problem.options.block_size;
-        factor.reserve(b)?;
         let n_known = usize::from(problem.known.is_some());
         let mut basis = Mat::<f64>::zeros(n, capacity + b);
         if let Some(known) = problem.known {
@@ -191,7 +234,7 @@ impl<'a, 'f> Lanczos<'a, 'f> {
             n_solves: 0,
         };
         lanczos.renew_next_block();
-        Ok(lanczos)
+        lanczos
     }
 
     /// Replaces the next block by random columns orthogonal to the basis.

@@ -8,10 +8,12 @@ mod eigenpairs;
 mod error;
 mod factor;
 mod lanczos;
+mod lanes;
 mod options;
 mod orthogonalize;
 mod pencil;
 mod shift;
+mod triangular;
 
 pub use basis::LaplaceBasis;
 pub use eigenpairs::{Certificate, EigenPairs, Work, laplace_basis, smallest_eigenpairs};

@@ -1,7 +1,9 @@
 //! One connected block of the pencil (W, M), in elimination order.
 //!
-//!     (W x)_i = r_i x_i + Σ_j W_ij (x_j - x_i),   r_i = Σ_j W_ij
-//!     xᵀ W x  = Σ_i r_i x_i² - Σ_{i<j} W_ij (x_i - x_j)²
+//! ```text
+//! (W x)_i = r_i x_i + Σ_j W_ij (x_j - x_i),   r_i = Σ_j W_ij
+//! xᵀ W x  = Σ_i r_i x_i² - Σ_{i<j} W_ij (x_i - x_j)²
+//! ```
 //!
 //! Differences first: smooth vectors lose no digits, and a constant has exactly no energy where
 //! the rows sum to 0. Row sums of the size of rounding are taken as 0.

@@ -9,7 +9,7 @@
 //! that the unit of neither matrix matters. Weyl 1911.
 
 use crate::SpectralError;
-use crate::block::{Block, Count};
+use crate::block::Block;
 
 /// Diagonal of the cotangent matrix on equilateral triangles, 6 / √3.
 const EQUILATERAL_DIAGONAL: f64 = 3.464_101_615_137_754_6;
@@ -21,31 +21,29 @@ const MAX_PATIENT_COUNTS: usize = 6;
 const MAX_COUNTS: usize = 80;
 
 /// A shift with the counts of all blocks.
-pub(crate) struct CountedShift<'a> {
+pub(crate) struct CountedShift {
     pub(crate) shift: f64,
     pub(crate) n_below: usize,
-    pub(crate) counts: Vec<Count<'a>>,
+    /// Number below it in every block.
+    pub(crate) counts: Vec<usize>,
     /// Number of shifts that were tried.
     pub(crate) n_tried: usize,
 }
 
 /// Finds a shift with at least `n_pairs` eigenvalues below it, and few more.
-pub(crate) fn find_shift(
-    blocks: &[Block],
-    n_pairs: usize,
-) -> Result<CountedShift<'_>, SpectralError> {
+pub(crate) fn find_shift(blocks: &[Block], n_pairs: usize) -> Result<CountedShift, SpectralError> {
     let k = n_pairs as f64;
     let accepted = n_pairs + 8 + (ACCEPTED_EXCESS * k) as usize;
     let aim = k + 2.0 + 0.5 * ACCEPTED_EXCESS * k;
     let mut shift = weyl_guess(blocks, aim);
     let mut too_low: Option<(f64, usize)> = None;
-    let mut high_enough: Option<CountedShift<'_>> = None;
+    let mut high_enough: Option<CountedShift> = None;
     for n_tried in 1..=MAX_COUNTS {
         let counts = blocks
             .iter()
             .map(|block| block.count_below(shift))
             .collect::<Result<Vec<_>, _>>()?;
-        let n_below = counts.iter().map(Count::n_below).sum();
+        let n_below = counts.iter().sum();
         if n_below < n_pairs {
             too_low = Some((shift, n_below));
         } else {
