@@ -15,8 +15,8 @@ fn coverage_and_bijectivity_improve_from_a_rough_map() {
     let tip = furthest(&source, [1.0, 0.0, 0.0]);
     let (source, target) = pair(source, target, 60, &[(tip, back[tip])]);
     let options = FitOptions {
-        n_source: 20,
-        n_target: 20,
+        n_source: 8,
+        n_target: 8,
         ..FitOptions::default()
     };
     let first = fit(&source.shape(), &target.shape(), &options).unwrap();

@@ -3,7 +3,7 @@
 use faer::Mat;
 use nalgebra::{Isometry3, Point3, Vector3};
 use pedicle_fmap::{
-    EnergyWeights, FitOptions, FunctionalMap, PointMap, ZoomOutOptions, fit,
+    EnergyWeights, FitOptions, FunctionalMap, OrientationBehaviour, PointMap, ZoomOutOptions, fit,
     functional_from_point_map, mean_error_mm, mean_error_over_sqrt_area, point_map_from_functional,
     spectral_icp, zoomout,
 };
@@ -96,7 +96,7 @@ fn a_bent_and_noisy_copy_is_recovered_to_a_small_error() {
 #[test]
 fn orientation_picks_the_right_one_of_two_mirror_maps() {
     let source = nearly_symmetric(3);
-    let (target, truth) = shuffled(&noisy(&source, 0.3, 2), 6);
+    let (target, truth) = shuffled(&noisy(&source, 1.0, 2), 6);
     // Landmarks in the mirror plane tell top from bottom, but not left from right.
     let back = inverse(&truth);
     let landmarks: Vec<(usize, usize)> = [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]
@@ -105,12 +105,13 @@ fn orientation_picks_the_right_one_of_two_mirror_maps() {
         .map(|v| (v, back[v]))
         .collect();
     let (source, target) = pair(source, target, 60, &landmarks);
-    let error_with = |orientation: f64| {
+    let error_with = |weight: f64, orientation: OrientationBehaviour| {
         let options = FitOptions {
             weights: EnergyWeights {
-                orientation,
+                orientation: weight,
                 ..EnergyWeights::default()
             },
+            orientation,
             ..sizes(20)
         };
         let first = fit(&source.shape(), &target.shape(), &options).unwrap();
@@ -122,8 +123,15 @@ fn orientation_picks_the_right_one_of_two_mirror_maps() {
         let refined = zoomout(&source.basis, &target.basis, &first.map, &grow).unwrap();
         mean_error_mm(&source.mesh, &target.mesh, &refined.point_map, &truth).unwrap()
     };
-    let (without, with) = (error_with(0.0), error_with(1.0));
-    assert!(with < 2.0, "{with} mm with the term, {without} mm without");
+    let kept = error_with(0.1, OrientationBehaviour::Preserving);
+    let reversed = error_with(0.1, OrientationBehaviour::Reversing);
+    let without = error_with(0.0, OrientationBehaviour::Preserving);
+    assert!(kept < 1.0, "{kept} mm, {without} mm without the term");
+    // The mirror map: every point on the wrong side.
+    assert!(
+        reversed > 20.0 && without > 20.0,
+        "{reversed} mm, {without} mm"
+    );
 }
 
 #[test]

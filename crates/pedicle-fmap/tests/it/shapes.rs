@@ -93,7 +93,7 @@ pub(crate) fn nearly_symmetric(level: usize) -> TriMesh {
             + bump(1.0, 0.0, 0.0, 0.9, 0.35)
             + bump(-0.5, 0.8, 0.2, 0.7, 0.3)
             + bump(-0.5, -0.8, 0.2, 0.7, 0.3)
-            + bump(0.1, 0.3, 0.95, 0.1, 0.3);
+            + bump(0.1, 0.3, 0.95, 0.03, 0.3);
         let v = p.coords * radius;
         Point3::new(40.0 * v.x, 34.0 * v.y, 28.0 * v.z)
     })
