@@ -6,8 +6,8 @@
 //! surface at right angles to the axis, r radius of the screw, all in mm. The breach is how far
 //! the screw's wall reaches beyond the cortex, as Gertzbein & Robbins (Spine 1990) measure it.
 //!
-//! What counts is the pedicle and the body in front of it. Behind the pedicle the screw's head
-//! half lies in a groove between facet, lamina and transverse process, where a cylinder that is
+//! What counts is the pedicle and the body in front of it. Behind the pedicle the back part of the screw
+//! lies in a groove between facet, lamina and transverse process, where a cylinder that is
 //! perfectly placed still shows on one side: that stretch is in the profile, not in the verdict.
 
 use nalgebra::{Point3, Vector3};
@@ -132,6 +132,8 @@ const RAY_DIRECTIONS: usize = 72;
 const MIN_ALIGNMENT: f64 = 0.3;
 /// Least station spacing accepted, mm.
 const MIN_SPACING_MM: f64 = 0.05;
+/// Most stations: a screw far longer than any bone is sampled more coarsely.
+const MAX_STATIONS: usize = 2000;
 
 /// Checks one trajectory against the true surface of its vertebra.
 ///
@@ -196,7 +198,7 @@ impl Screw<'_> {
         let isthmus = self.isthmus_depth_mm();
         let stretch = isthmus.map(|isthmus| self.stretch(isthmus, bone, options));
         let spacing = options.station_spacing_mm.max(MIN_SPACING_MM);
-        let n = (length / spacing).ceil().max(1.0) as usize;
+        let n = ((length / spacing).ceil() as usize).clamp(1, MAX_STATIONS);
         let mut profile = Vec::with_capacity(n + 1);
         let (mut pedicle, mut body) = (f64::INFINITY, f64::INFINITY);
         let mut worst: Option<Wall> = None;
@@ -302,7 +304,7 @@ impl Screw<'_> {
         };
         let sign = if inside { 1.0 } else { -1.0 };
         let direction = match zone {
-            Zone::Body => self.direction_in_body(&normal),
+            Zone::Body => self.direction_in_body(&x, &normal),
             _ if inside => self.direction_across(&outward),
             _ => self.direction_across(&self.offset_from_pedicle(&x)),
         };
@@ -349,7 +351,7 @@ impl Screw<'_> {
     }
 
     /// In the body the face of the bone that is crossed names the direction.
-    fn direction_in_body(&self, normal: &Vector3<f64>) -> BreachDirection {
+    fn direction_in_body(&self, x: &Point3<f64>, normal: &Vector3<f64>) -> BreachDirection {
         let lateral = normal.dot(&self.frame.left);
         let up = normal.dot(&self.frame.up);
         let anterior = normal.dot(&self.frame.anterior);
@@ -361,7 +363,12 @@ impl Screw<'_> {
                 BreachDirection::Medial
             }
         } else if lateral.abs() >= up.abs() {
-            BreachDirection::Lateral
+            // A wall that faces the mirror plane faces the canal.
+            if lateral * self.frame.coordinates(x).x > 0.0 {
+                BreachDirection::Lateral
+            } else {
+                BreachDirection::Medial
+            }
         } else if up > 0.0 {
             BreachDirection::Cranial
         } else {

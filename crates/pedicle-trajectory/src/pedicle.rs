@@ -6,7 +6,7 @@
 //!     f = -(1/k) log mean_i exp(-k d(x_i))
 //!
 //! of the depth d below the surface at points x_i along it. Sections perpendicular to the axis
-//! are then closed contours; the narrowest of them is the isthmus. Lengths in mm, k in 1/mm.
+//! are then closed contours; the one with the smallest area is the isthmus. Lengths in mm, k in 1/mm.
 
 use nalgebra::{Point2, Point3, Vector2, Vector3};
 use pedicle_mesh::{SurfaceIndex, TriMesh};
@@ -19,15 +19,15 @@ use crate::{AnatomicalFrame, AnatomyError, Side};
 /// How a pedicle is measured.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PedicleOptions {
-    /// Spacing of the sections along the axis, mm. Default 0.5.
+    /// Spacing of the sections along the axis, mm. Default 0.5, least 0.05.
     pub section_spacing_mm: f64,
     /// How far behind the posterior wall of the body sections are taken, mm. Default 12.
     pub behind_wall_mm: f64,
     /// How far inside the body sections are taken, mm. Default 8.
     pub inside_body_mm: f64,
-    /// The pedicle reaches as far as its sections are at most this times as wide as the
-    /// isthmus. Default 1.3.
-    pub max_width_ratio: f64,
+    /// The pedicle reaches as far as its sections have at most this times the area of the
+    /// isthmus. Default 1.6.
+    pub max_area_ratio: f64,
 }
 
 impl Default for PedicleOptions {
@@ -36,14 +36,14 @@ impl Default for PedicleOptions {
             section_spacing_mm: 0.5,
             behind_wall_mm: 12.0,
             inside_body_mm: 8.0,
-            max_width_ratio: 1.3,
+            max_area_ratio: 1.6,
         }
     }
 }
 
 /// One pedicle of a vertebra.
 ///
-/// Extents are chords through the middle of the isthmus, the narrowest section perpendicular to
+/// Extents are chords through the middle of the isthmus, the smallest section perpendicular to
 /// the axis: the pedicle may run into the body, the lamina or the transverse process elsewhere.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pedicle {
@@ -59,6 +59,8 @@ pub struct Pedicle {
     pub width_mm: f64,
     /// Height of the isthmus, mm: the extent at right angles to the width.
     pub height_mm: f64,
+    /// Area of the isthmus, mm².
+    pub area_mm2: f64,
     /// Distance from the isthmus back to where the pedicle begins, mm.
     pub behind_mm: f64,
     /// Distance from the isthmus forward to where the pedicle joins the body, mm.
@@ -276,6 +278,10 @@ fn deepest_line(
     line_of(&best.map_or([0.0; 4], |(_, v)| v))
 }
 
+/// Least spacing of the sections, mm.
+const MIN_SPACING_MM: f64 = 0.05;
+/// Most sections along one pedicle.
+const MAX_SLICES: usize = 1000;
 /// How far from the posterior wall the isthmus may be, along the axis, mm.
 const ISTHMUS_REACH_MM: f64 = 9.0;
 
@@ -289,7 +295,7 @@ struct Slice {
     at_mm: f64,
     plane: Plane,
     contour: Contour,
-    width: f64,
+    area: f64,
 }
 
 impl Slice {
@@ -321,10 +327,11 @@ impl Profile {
         let axis = line.axis();
         let wall = line.back + (line.front - line.back) * WALL_ON_LINE;
         let length = options.behind_wall_mm + options.inside_body_mm;
-        let n = (length / options.section_spacing_mm) as usize;
+        let spacing = options.section_spacing_mm.max(MIN_SPACING_MM);
+        let n = ((length / spacing) as usize).min(MAX_SLICES);
         let mut slices = Vec::new();
         for k in 0..=n {
-            let at_mm = k as f64 * options.section_spacing_mm - options.behind_wall_mm;
+            let at_mm = k as f64 * spacing - options.behind_wall_mm;
             let Some(plane) = Plane::new(wall + axis * at_mm, axis, frame.left) else {
                 continue;
             };
@@ -333,37 +340,31 @@ impl Profile {
                 continue;
             };
             let contour = contour.clone();
-            let (width, _) = narrowest_chord(&contour, &Point2::origin());
+            let area = contour.area();
             slices.push(Slice {
                 at_mm,
                 plane,
                 contour,
-                width,
+                area,
             });
         }
         Self { slices }
     }
 
-    /// The isthmus is the narrowest slice; the pedicle reaches from it to where the slices get
+    /// The isthmus is the smallest slice; the pedicle reaches from it to where the slices get
     /// too large on either side.
     fn pedicle(&self, side: Side, options: &PedicleOptions) -> Result<Pedicle, AnatomyError> {
-        let narrowest = (0..self.slices.len())
+        let smallest = (0..self.slices.len())
             .filter(|&i| self.slices[i].at_mm.abs() <= ISTHMUS_REACH_MM)
-            .min_by(|&i, &j| self.slices[i].width.total_cmp(&self.slices[j].width));
-        let Some(isthmus) = narrowest else {
+            .min_by(|&i, &j| self.slices[i].area.total_cmp(&self.slices[j].area));
+        let Some(isthmus) = smallest else {
             return Err(AnatomyError::NoPedicle {
                 side,
                 reason: "no closed section of bone leads into the body",
             });
         };
-        if self.slices[isthmus].width < MIN_WIDTH_MM {
-            return Err(AnatomyError::NoPedicle {
-                side,
-                reason: "the narrowest section is thinner than 2 mm",
-            });
-        }
-        let limit = options.max_width_ratio * self.slices[isthmus].width;
-        let near = |i: &usize| self.slices[*i].width <= limit;
+        let limit = options.max_area_ratio * self.slices[isthmus].area;
+        let near = |i: &usize| self.slices[*i].area <= limit;
         let first = (0..isthmus)
             .rev()
             .take_while(near)
@@ -376,6 +377,12 @@ impl Profile {
         let slice = &self.slices[isthmus];
         let center = slice.center();
         let (width_mm, across) = narrowest_chord(&slice.contour, &center);
+        if width_mm < MIN_WIDTH_MM {
+            return Err(AnatomyError::NoPedicle {
+                side,
+                reason: "the narrowest section is thinner than 2 mm",
+            });
+        }
         let height_mm = slice
             .contour
             .chord(&center, &Vector2::new(-across.y, across.x));
@@ -388,6 +395,7 @@ impl Profile {
             width_direction,
             width_mm,
             height_mm,
+            area_mm2: slice.area,
             behind_mm: slice.at_mm - self.slices[first].at_mm,
             ahead_mm: self.slices[last].at_mm - slice.at_mm,
         })

@@ -213,14 +213,28 @@ struct Axis {
 const SLOPE_PENALTY_MM: f64 = 6.0;
 /// Depth that a change of the medial angle must gain: its tangent's square times this, mm.
 const CONVERGENCE_PENALTY_MM: f64 = 3.0;
-/// Sharpness of the soft minimum, 1/mm.
-const SOFTNESS_PER_MM: f64 = 3.0;
+/// How a score weighs the depths along an axis.
+#[derive(Debug, Clone, Copy)]
+struct Sharpness {
+    /// Sharpness k of the soft minimum, 1/mm.
+    per_mm: f64,
+    /// Spacing of the points whose depth counts, mm.
+    spacing_mm: f64,
+}
+
+const SOFT: Sharpness = Sharpness {
+    per_mm: 3.0,
+    spacing_mm: 2.0,
+};
+const SHARP: Sharpness = Sharpness {
+    per_mm: 12.0,
+    spacing_mm: 1.0,
+};
 /// Behind the pedicle this much less depth is as good, mm: the screw may show there.
 const ENTRY_BONUS_MM: f64 = 3.0;
-/// Spacing of the points whose depth counts, mm.
-const SPACING_MM: f64 = 1.5;
-/// First and last step of the search; lengths in mm, slopes in tenths.
-const SEARCH_STEPS: (f64, f64) = (1.0, 0.02);
+/// First and last step of the two searches; offsets in mm, slopes in units of `SLOPE_UNIT`.
+const COARSE_STEPS: (f64, f64) = (1.0, 0.1);
+const FINE_STEPS: (f64, f64) = (0.3, 0.02);
 /// One unit of the search in slope.
 const SLOPE_UNIT: f64 = 0.1;
 /// Medial angles from which the search starts, as tangents relative to the pedicle's axis.
@@ -256,28 +270,31 @@ impl Planner<'_> {
     }
 
     fn best_line(&self) -> Axis {
+        // A soft score leads to the right valley, a sharp one to its bottom.
         let mut best: Option<(f64, [f64; 4])> = None;
         for convergence in START_CONVERGENCES {
             let start = [0.0, 0.0, convergence / SLOPE_UNIT, 0.0];
-            let found = climb(start, SEARCH_STEPS, |v| self.score(&self.axis_of(v)));
+            let found = climb(start, COARSE_STEPS, |v| self.score(&self.axis_of(v), SOFT));
             if best.is_none_or(|(b, _)| found.0 > b) {
                 best = Some(found);
             }
         }
-        self.axis_of(&best.map_or([0.0; 4], |(_, v)| v))
+        let near = best.map_or([0.0; 4], |(_, v)| v);
+        let (_, v) = climb(near, FINE_STEPS, |v| self.score(&self.axis_of(v), SHARP));
+        self.axis_of(&v)
     }
 
-    fn score(&self, axis: &Axis) -> f64 {
+    fn score(&self, axis: &Axis, sharpness: Sharpness) -> f64 {
         let Ok((entry, tip)) = self.ends(axis) else {
             return f64::NEG_INFINITY;
         };
         let back = (entry - axis.at_isthmus).norm();
         let ahead = (tip - axis.at_isthmus).norm();
         let start = (ENTRY_MM - back).min(-self.pedicle.behind_mm);
-        let n = ((ahead - start) / SPACING_MM).max(1.0) as usize;
+        let n = ((ahead - start) / sharpness.spacing_mm).max(1.0) as usize;
         let mut sum = 0.0;
         for k in 0..=n {
-            let s = start + k as f64 * SPACING_MM;
+            let s = start + k as f64 * sharpness.spacing_mm;
             let depth = depth_mm(self.index, &(axis.at_isthmus + axis.direction * s));
             let depth = depth.min(self.enough_mm());
             let bonus = if s < -self.pedicle.behind_mm {
@@ -285,14 +302,14 @@ impl Planner<'_> {
             } else {
                 0.0
             };
-            sum += (-SOFTNESS_PER_MM * (depth + bonus)).exp();
+            sum += (-sharpness.per_mm * (depth + bonus)).exp();
         }
         let forward = axis.direction.dot(&self.frame.anterior);
         let slope = axis.direction.dot(&self.frame.up) / forward;
         let turn = axis.direction.dot(&self.medial()) / forward
             - self.pedicle.axis.dot(&self.medial()) / self.pedicle.axis.dot(&self.frame.anterior);
         let shortfall = (self.options.length_mm - back - ahead).max(0.0);
-        -sum.ln() / SOFTNESS_PER_MM
+        -sum.ln() / sharpness.per_mm
             - SLOPE_PENALTY_MM * slope * slope
             - CONVERGENCE_PENALTY_MM * turn * turn
             - SHORTFALL_WEIGHT * shortfall
