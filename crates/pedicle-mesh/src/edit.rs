@@ -274,3 +274,87 @@ pub(crate) fn compacted(
         .collect();
     Ok((TriMesh::new(kept, faces)?, source_vertex))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A tetrahedron, or two glued together along [0, 1, 2] if there is a fifth vertex.
+    fn bipyramid(n_vertices: usize) -> EditMesh {
+        let points = [
+            [0.0, 0.0, 0.0],
+            [1.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0],
+            [0.3, 0.3, 1.0],
+            [0.3, 0.3, -1.0],
+        ];
+        let mut faces = vec![[0, 1, 3], [1, 2, 3], [2, 0, 3]];
+        match n_vertices {
+            4 => faces.push([0, 2, 1]),
+            _ => faces.extend([[1, 0, 4], [2, 1, 4], [0, 2, 4]]),
+        }
+        let vertices = points[..n_vertices]
+            .iter()
+            .copied()
+            .map(Point3::from)
+            .collect();
+        EditMesh::new(vertices, &faces)
+    }
+
+    #[test]
+    fn a_tetrahedron_cannot_be_collapsed_or_flipped() {
+        let mesh = bipyramid(4);
+        for from in 0..4 {
+            for to in (0..4).filter(|&to| to != from) {
+                assert!(
+                    mesh.effect(Change::Collapse { from, to }).is_none(),
+                    "{from} to {to}"
+                );
+                assert!(
+                    mesh.effect(Change::Flip { a: from, b: to }).is_none(),
+                    "{from}-{to}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn the_link_condition_spares_the_waist_of_a_bipyramid() {
+        let mut mesh = bipyramid(5);
+        let waist = Change::Collapse { from: 0, to: 1 };
+        assert!(
+            mesh.effect(waist).is_none(),
+            "vertex 2 is a third common neighbour"
+        );
+        let apex = Change::Collapse { from: 3, to: 0 };
+        let effect = mesh.effect(apex).expect("an apex may go");
+        mesh.apply(&effect);
+        assert_eq!(
+            mesh.remaining_faces(),
+            [[1, 2, 0], [1, 0, 4], [2, 1, 4], [0, 2, 4]],
+            "4 faces"
+        );
+    }
+
+    #[test]
+    fn a_flip_swaps_the_diagonal_and_a_second_flip_swaps_it_back() {
+        let mut mesh = bipyramid(5);
+        let flip = Change::Flip { a: 0, b: 1 };
+        let effect = mesh
+            .effect(flip)
+            .expect("the edge between the two apexes is free");
+        assert_eq!(effect.after, [[3, 0, 4], [4, 1, 3]], "the other diagonal");
+        mesh.apply(&effect);
+        let back = mesh
+            .effect(Change::Flip { a: 3, b: 4 })
+            .expect("the old edge is free");
+        mesh.apply(&back);
+        let mut faces = mesh.remaining_faces();
+        faces.sort_unstable();
+        assert!(
+            faces.contains(&[1, 0, 4]) || faces.contains(&[0, 4, 1]) || faces.contains(&[4, 1, 0]),
+            "{faces:?}"
+        );
+        assert_eq!(faces.len(), 6, "six faces");
+    }
+}

@@ -1,6 +1,37 @@
 //! Validated triangle meshes: topology, measures, repair, simplification, closest points, formats.
 //!
+//! - [`TriMesh`]: a mesh that exists has finite vertices and valid indices; [`concatenate`].
+//! - [`read_mesh`], [`write_mesh`], [`read_parts`]: PLY, STL, OBJ and OFF.
+//! - [`topology`]: components, boundary loops, manifoldness, genus, neighbours.
+//! - [`defects`], [`repair`]: what is wrong with a mesh, and what can be removed without a hole.
+//! - [`simplify`]: fewer faces out of the original vertices, component by component.
+//! - [`SurfaceIndex`]: closest points, rays and inside tests.
+//! - [`edge_lengths`], [`volume`], [`angle_weighted_normals`], [`smallest_angle_rad`].
+//!
 //! Lengths are in the unit of the file; the rest of the workspace reads them as millimetres.
+//! Faces turn counter-clockwise seen from outside. Every result depends on the input alone.
+//!
+//! ```
+//! use nalgebra::Point3;
+//! use pedicle_mesh::{RepairOptions, SurfaceIndex, TriMesh, defects, genus, repair, volume};
+//!
+//! // A tetrahedron with a doubled face and a vertex that no face uses.
+//! let vertices = [[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 3.0], [9.0; 3]];
+//! let faces = vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2], [3, 1, 2]];
+//! let mesh = TriMesh::new(vertices.map(Point3::from).to_vec(), faces)?;
+//! assert_eq!(defects(&mesh).duplicate_faces, [4]);
+//!
+//! let (mesh, report) = repair(&mesh, &RepairOptions::default())?;
+//! assert_eq!((report.n_duplicate_faces, report.n_removed_vertices), (1, 1));
+//! assert_eq!(genus(&mesh), Some(0));
+//! assert!((volume(&mesh) - 4.5).abs() < 1e-12);
+//!
+//! let surface = SurfaceIndex::new(&mesh)?;
+//! let near = surface.closest_point(&Point3::new(0.5, 0.5, -2.0));
+//! assert_eq!((near.face, near.distance_mm), (0, 2.0));
+//! assert!(surface.contains(&Point3::new(0.5, 0.5, 0.5)));
+//! # Ok::<(), pedicle_mesh::MeshError>(())
+//! ```
 
 mod collapse;
 mod defects;

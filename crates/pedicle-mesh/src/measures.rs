@@ -1,6 +1,8 @@
 //! Lengths, volumes, angles and normals of a mesh.
 //!
-//!     V = Σ_f a·(b × c) / 6,   n_v ∝ Σ_f angle_f(v) n_f
+//! ```text
+//! V = Σ_f a·(b × c) / 6,   n_v ∝ Σ_f angle_f(v) n_f
+//! ```
 //!
 //! Volumes are signed (positive where faces turn counter-clockwise seen from outside); lengths in
 //! millimetres, angles in radians. Angle-weighted normals: Thürmer & Wüthrich 1998.

@@ -1,6 +1,8 @@
 //! Fewer faces for the same surface, out of the original vertices.
 //!
-//!     f_i ≈ F · A_i / Σ A_j       (faces of component i out of F, by its area A_i)
+//! ```text
+//! f_i ≈ F · A_i / Σ A_j       (faces of component i out of F, by its area A_i)
+//! ```
 //!
 //! Each connected component is simplified on its own by meshopt's quadric edge collapse (Garland
 //! & Heckbert 1997) with its regularity term, so that no component starves and none is welded to
@@ -286,4 +288,57 @@ fn simplify_component(
     summary.n_sliver_changes += n_cleaned + best.n_sliver_changes;
     summary.n_pinched_components += usize::from(best.is_pinched);
     best.faces
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point3;
+
+    use super::*;
+
+    /// Components of `counts` faces each, all faces of the same area.
+    fn dealt(counts: &[u32], target: usize) -> Vec<usize> {
+        let points = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]].map(Point3::from);
+        let n_faces = counts.iter().sum::<u32>() as usize;
+        let mesh = TriMesh::new(points.to_vec(), vec![[0, 1, 2]; n_faces]).unwrap();
+        let mut first = 0;
+        let components: Vec<Vec<u32>> = counts
+            .iter()
+            .map(|&n| {
+                first += n;
+                (first - n..first).collect()
+            })
+            .collect();
+        deal_out(&mesh, &components, target, &SimplifyOptions::default())
+    }
+
+    #[test]
+    fn shares_are_proportional_and_add_up() {
+        assert_eq!(
+            dealt(&[1000, 2000, 4000], 700),
+            [100, 200, 400],
+            "no rounding"
+        );
+        assert_eq!(
+            dealt(&[1000, 1000, 1000], 100),
+            [34, 33, 33],
+            "the first gets the rest"
+        );
+        assert_eq!(dealt(&[500], 80), [80], "one component gets all");
+    }
+
+    #[test]
+    fn small_components_keep_their_minimum_and_none_gets_more_than_it_has() {
+        assert_eq!(
+            dealt(&[10, 100, 10_000], 500),
+            [10, 24, 466],
+            "10 of 10, 24, the rest"
+        );
+        assert_eq!(
+            dealt(&[100, 100, 100], 30),
+            [24, 24, 24],
+            "the minimum exceeds the target"
+        );
+        assert_eq!(dealt(&[50, 50], 200), [50, 50], "nothing to remove");
+    }
 }

@@ -1,6 +1,8 @@
 //! Closest points, rays and inside tests on a triangle mesh.
 //!
-//!     closest(q) = argmin_{p on S} |p - q|,   signed_distance(q) = ∓ min |p - q|
+//! ```text
+//! closest(q) = argmin_{p on S} |p - q|,   signed_distance(q) = ∓ min |p - q|
+//! ```
 //!
 //! Lengths in millimetres; the sign is negative inside. Triangles sit in a bounding volume
 //! hierarchy (parry), so one query costs O(log n) on ordinary surfaces. A ray meets a triangle by

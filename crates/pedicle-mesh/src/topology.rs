@@ -1,6 +1,8 @@
 //! How faces hang together: components, boundaries, manifoldness, genus, neighbours.
 //!
-//!     χ = V - E + F,   closed oriented: χ = 2 (n_components - genus)
+//! ```text
+//! χ = V - E + F,   closed oriented: χ = 2 (n_components - genus)
+//! ```
 //!
 //! V counts the vertices that faces use. Faces that name a vertex twice have no place in a
 //! topology and are passed over everywhere here; `defects` lists them. All answers come in the

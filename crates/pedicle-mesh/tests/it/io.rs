@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use nalgebra::Point3;
 use pedicle_mesh::io::Place;
 use pedicle_mesh::{
-    Encoding, MeshFormat, ReadError, TriMesh, WriteError, WriteOptions, concatenate,
-    read_mesh, read_parts, write_mesh,
+    Encoding, MeshFormat, ReadError, TriMesh, WriteError, WriteOptions, concatenate, read_mesh,
+    read_parts, write_mesh,
 };
 use proptest::prelude::*;
 use tempfile::TempDir;
@@ -20,6 +20,10 @@ pub(crate) fn folder() -> TempDir {
 
 pub(crate) fn file(folder: &TempDir, name: &str, content: impl AsRef<[u8]>) -> PathBuf {
     let path = folder.path().join(name);
+    // Some file systems flush a file that is written over, which costs milliseconds each time.
+    if path.exists() {
+        fs::remove_file(&path).expect("a temporary file can be removed");
+    }
     fs::write(&path, content).expect("a temporary file can be written");
     path
 }

@@ -10,7 +10,8 @@ use proptest::prelude::*;
 use crate::shapes::{cube, grid, icosphere, scaled, spine, torus};
 
 fn repaired(mesh: &TriMesh) -> (TriMesh, RepairReport) {
-    let (after, report) = repair(mesh, &RepairOptions::default()).unwrap();
+    let (after, report) =
+        repair(mesh, &RepairOptions::default()).expect("something is left of the mesh");
     assert!(defects(&after).is_repaired(), "{:?}", defects(&after));
     for (v, &source) in report.source_vertex.iter().enumerate() {
         let original = mesh.vertices()[source as usize];
@@ -92,7 +93,7 @@ fn cube_with_cap(height: f64) -> TriMesh {
     let mut faces = cube.faces().to_vec();
     faces[0] = [0, 2, 8];
     faces.extend([[2, 3, 8], [0, 8, 3]]);
-    TriMesh::new(vertices, faces).unwrap()
+    TriMesh::new(vertices, faces).expect("the construction is a mesh")
 }
 
 /// A sphere with one vertex doubled in place: its two copies joined by two needles.
@@ -110,8 +111,8 @@ fn sphere_with_needles(gap: f64) -> TriMesh {
         })
     };
     let first = sphere.faces()[0][1];
-    let second = next(first).unwrap();
-    let third = next(second).unwrap();
+    let second = next(first).expect("the vertex has a closed fan");
+    let third = next(second).expect("the vertex has a closed fan");
     let towards = vertices[second as usize] - p;
     vertices.push(p + towards * gap);
     let mut faces: Vec<[u32; 3]> = sphere
@@ -123,7 +124,7 @@ fn sphere_with_needles(gap: f64) -> TriMesh {
         })
         .collect();
     faces.extend([[v, first, copy], [v, copy, third]]);
-    TriMesh::new(vertices, faces).unwrap()
+    TriMesh::new(vertices, faces).expect("the construction is a mesh")
 }
 
 #[test]

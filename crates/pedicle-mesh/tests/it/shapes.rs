@@ -134,6 +134,10 @@ pub(crate) fn scaled(mesh: &TriMesh, factor: f64) -> TriMesh {
 }
 
 /// L1 to L5 of a spine of the shared data, or `None` and one line where they are absent.
+#[allow(
+    clippy::print_stdout,
+    reason = "a test that leaves something out says so"
+)]
 pub(crate) fn spine(subject: &str) -> Option<Vec<TriMesh>> {
     let folder = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data"));
     let folder = folder.join(subject);

@@ -185,9 +185,7 @@ fn real_spines_keep_topology_and_shape() {
             return;
         };
         let before = concatenate(&vertebrae.iter().collect::<Vec<_>>()).unwrap();
-        let start = std::time::Instant::now();
         let simplified = simplify(&before, 3500, &options).unwrap();
-        let seconds = start.elapsed().as_secs_f64();
         let found = defects(&simplified.mesh);
         let index = SurfaceIndex::new(&simplified.mesh).unwrap();
         let distances: Vec<f64> = before
@@ -195,21 +193,7 @@ fn real_spines_keep_topology_and_shape() {
             .iter()
             .map(|p| index.closest_point(p).distance_mm)
             .collect();
-        let mean = distances.iter().sum::<f64>() / distances.len() as f64;
         let largest = distances.iter().copied().fold(0.0, f64::max);
-        println!(
-            "{subject} {spacing:?}: {} -> {} faces in {seconds:.3} s, smallest angle {:.2}°, {} sliver \
-             changes, pinched {}, genus {:?} -> {:?}, distance mean {mean:.3} max {largest:.3} mm, \
-             estimate {:.3} mm",
-            before.n_faces(),
-            simplified.n_faces,
-            simplified.smallest_angle_rad.to_degrees(),
-            simplified.n_sliver_changes,
-            simplified.n_pinched_components,
-            genus(&before),
-            genus(&simplified.mesh),
-            simplified.estimated_error_mm,
-        );
         check(&before, 3500, &simplified);
         assert!(
             (3430..=3570).contains(&simplified.n_faces),

@@ -12,7 +12,7 @@ use pedicle_mesh::{
 use crate::shapes::{cube, grid, icosphere, scaled, spine, torus};
 
 fn with_faces(mesh: &TriMesh, faces: Vec<[u32; 3]>) -> TriMesh {
-    TriMesh::new(mesh.vertices().to_vec(), faces).unwrap()
+    TriMesh::new(mesh.vertices().to_vec(), faces).expect("the faces fit the vertices")
 }
 
 #[test]
