@@ -1,11 +1,13 @@
 //! The eigenpairs of one connected block, dense or by Lanczos.
 
-use faer::{Mat, MatRef};
+use faer::{ColRef, Mat, MatRef};
 
 use crate::components::Component;
 use crate::dense::all_eigenpairs;
 use crate::factor::{Factorizer, elimination_order};
 use crate::lanczos::{LanczosProblem, smallest_eigenvectors};
+use crate::lanes::{as_slice, as_slice_mut};
+use crate::orthogonalize::dot;
 use crate::pencil::Pencil;
 use crate::{EigenOptions, SpectralError};
 
@@ -46,12 +48,14 @@ pub(crate) struct Part<'a> {
 
 /// Eigenpairs of one block, ascending, and how they were found.
 pub(crate) struct BlockPairs {
-    /// Rows of the whole matrix, in the order of the rows of `vectors`.
+    /// Rows of the whole matrix, in the order of the rows of `columns`.
     pub(crate) rows: Vec<usize>,
     pub(crate) eigenvalues: Vec<f64>,
     pub(crate) residuals: Vec<f64>,
-    /// M-orthonormal.
-    pub(crate) vectors: Mat<f64>,
+    /// M-orthonormal columns.
+    pub(crate) columns: Mat<f64>,
+    /// The column of every pair.
+    pub(crate) order: Vec<usize>,
     pub(crate) n_solves: usize,
     pub(crate) n_restarts: usize,
 }
@@ -130,47 +134,43 @@ impl Block {
                 (found.vectors, found.n_solves, found.n_restarts)
             }
         };
-        let columns = self.scaled_columns(vectors.as_ref(), n_known);
-        Ok(self.sorted_pairs(columns, n_solves, n_restarts))
+        Ok(self.finish(vectors.as_ref(), n_known, (n_solves, n_restarts)))
     }
 
-    /// Columns x = M^(-1/2) y, the exact null vector first.
-    fn scaled_columns(&self, vectors: MatRef<'_, f64>, n_known: usize) -> Vec<Vec<f64>> {
+    /// Pairs of the columns x = M^(-1/2) y and the exact null vector, in ascending order.
+    fn finish(
+        &self,
+        vectors: MatRef<'_, f64>,
+        n_known: usize,
+        (n_solves, n_restarts): (usize, usize),
+    ) -> BlockPairs {
+        let n = self.pencil.n();
         let scale: Vec<f64> = self.pencil.mass.iter().map(|m| 1.0 / m.sqrt()).collect();
-        let known = self.null_vector.iter().take(n_known).cloned();
-        let mut columns: Vec<Vec<f64>> = known.collect();
-        columns.extend((0..vectors.ncols()).map(|j| {
-            let mut column: Vec<f64> = vectors.col(j).iter().copied().collect();
-            if let Some(null_vector) = &self.null_vector {
-                project_off(&mut column, null_vector);
+        let mut columns = Mat::<f64>::zeros(n, n_known + vectors.ncols());
+        for j in 0..columns.ncols() {
+            let column = as_slice_mut(columns.as_mut(), j);
+            match (&self.null_vector, j.checked_sub(n_known)) {
+                (Some(null_vector), None) => column.copy_from_slice(null_vector),
+                (null_vector, found) => {
+                    column.copy_from_slice(as_slice(vectors, found.unwrap_or(j)));
+                    if let Some(null_vector) = null_vector {
+                        project_off(column, null_vector);
+                    }
+                }
             }
-            column
-        }));
-        for column in &mut columns {
             for (x, s) in column.iter_mut().zip(&scale) {
                 *x *= s;
             }
         }
-        columns
-    }
-
-    fn sorted_pairs(
-        &self,
-        columns: Vec<Vec<f64>>,
-        n_solves: usize,
-        n_restarts: usize,
-    ) -> BlockPairs {
-        let mut pairs: Vec<(f64, Vec<f64>)> = columns
-            .into_iter()
-            .map(|x| (self.pencil.rayleigh_quotient(&x), x))
-            .collect();
-        pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let residuals = pairs.iter().map(|(l, x)| self.pencil.residual(x, *l));
+        let quality = self.pencil.quotients_and_residuals(columns.as_ref());
+        let mut order: Vec<usize> = (0..columns.ncols()).collect();
+        order.sort_by(|&a, &b| quality[a].0.total_cmp(&quality[b].0));
         BlockPairs {
             rows: self.rows.clone(),
-            residuals: residuals.collect(),
-            eigenvalues: pairs.iter().map(|p| p.0).collect(),
-            vectors: Mat::from_fn(self.pencil.n(), pairs.len(), |i, j| pairs[j].1[i]),
+            eigenvalues: order.iter().map(|&j| quality[j].0).collect(),
+            residuals: order.iter().map(|&j| quality[j].1).collect(),
+            order,
+            columns,
             n_solves,
             n_restarts,
         }
@@ -188,13 +188,12 @@ fn null_vector(pencil: &Pencil) -> Option<Vec<f64>> {
 
 /// Makes a unit vector orthogonal to another, and of unit length again.
 fn project_off(column: &mut [f64], unit: &[f64]) {
-    let along: f64 = column.iter().zip(unit).map(|(x, u)| x * u).sum();
-    let mut norm = 0.0;
+    let along = dot(ColRef::from_slice(column), ColRef::from_slice(unit));
     for (x, u) in column.iter_mut().zip(unit) {
         *x -= along * u;
-        norm += *x * *x;
     }
-    let factor = 1.0 / norm.sqrt();
+    let whole = ColRef::from_slice(column);
+    let factor = 1.0 / dot(whole, whole).sqrt();
     for x in column {
         *x *= factor;
     }

@@ -13,6 +13,7 @@ use sprs::CsMat;
 
 use crate::block::{Block, BlockPairs, Part};
 use crate::components::{check_pencil, connected_components};
+use crate::lanes::{as_slice, as_slice_mut};
 use crate::shift::find_shift;
 use crate::{EigenOptions, LaplaceBasis, SpectralError};
 
@@ -185,8 +186,10 @@ fn merge(parts: &[BlockPairs], n: usize, n_pairs: usize) -> EigenPairs {
     let mut eigenvectors = Mat::zeros(n, order.len());
     for (j, &(part, column)) in order.iter().enumerate() {
         let part = &parts[part];
-        for (i, &row) in part.rows.iter().enumerate() {
-            eigenvectors[(row, j)] = part.vectors[(i, column)];
+        let target = as_slice_mut(eigenvectors.as_mut(), j);
+        let source = as_slice(part.columns.as_ref(), part.order[column]);
+        for (&row, &x) in part.rows.iter().zip(source) {
+            target[row] = x;
         }
     }
     fix_signs(&mut eigenvectors);
@@ -215,14 +218,18 @@ fn merge(parts: &[BlockPairs], n: usize, n_pairs: usize) -> EigenPairs {
 
 /// Makes the first entry of nearly the largest magnitude positive in every column.
 fn fix_signs(vectors: &mut Mat<f64>) {
-    for mut column in vectors.col_iter_mut() {
-        let largest = column.as_ref().iter().fold(0.0_f64, |m, x| m.max(x.abs()));
-        let first = column
-            .as_ref()
+    for j in 0..vectors.ncols() {
+        let column = as_slice_mut(vectors.as_mut(), j);
+        let largest = column.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+        let limit = (1.0 - SIGN_TIE) * largest;
+        if column
             .iter()
-            .find(|x| x.abs() >= (1.0 - SIGN_TIE) * largest);
-        if first.is_some_and(|&x| x < 0.0) {
-            column *= -1.0;
+            .find(|x| x.abs() >= limit)
+            .is_some_and(|&x| x < 0.0)
+        {
+            for x in column {
+                *x = -*x;
+            }
         }
     }
 }

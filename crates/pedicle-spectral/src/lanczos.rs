@@ -24,7 +24,8 @@ use faer::{Accum, Mat, MatRef, Par};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
-use crate::orthogonalize::{fill_gaussian, orthonormalize};
+use crate::lanes::as_slice_mut;
+use crate::orthogonalize::{dot, fill_gaussian, orthonormalize};
 use crate::triangular::TriangularFactor;
 use crate::{EigenOptions, SpectralError};
 
@@ -337,9 +338,11 @@ impl<'a> Lanczos<'a> {
         });
         let next = self.basis.as_ref().subcols(self.m, b);
         matmul(&mut vectors, Accum::Add, next, &ends, 1.0, Par::Seq);
-        for mut column in vectors.col_iter_mut() {
-            let length = column.norm_l2();
-            column /= length;
+        for j in 0..vectors.ncols() {
+            let length = dot(vectors.col(j), vectors.col(j)).sqrt();
+            for x in as_slice_mut(vectors.as_mut(), j) {
+                *x /= length;
+            }
         }
         vectors
     }

@@ -17,17 +17,35 @@ pub(crate) fn gather(columns: MatRef<'_, f64>, order: &[u32], rows: &mut [Row]) 
         rows.fill([0.0; LANES]);
     }
     for lane in 0..columns.ncols() {
-        let column = columns.col(lane);
+        let column = as_slice(columns, lane);
         for (row, &i) in rows.iter_mut().zip(order) {
             row[lane] = column[i as usize];
         }
     }
 }
 
+/// One column as a slice.
+///
+/// # Panics
+/// If the columns are not contiguous; all matrices of this crate are stored by columns.
+pub(crate) fn as_slice(columns: MatRef<'_, f64>, j: usize) -> &[f64] {
+    let column = columns.col(j).try_as_col_major();
+    column.expect("columns are contiguous").as_slice()
+}
+
+/// One column as a mutable slice.
+///
+/// # Panics
+/// If the columns are not contiguous.
+pub(crate) fn as_slice_mut(columns: MatMut<'_, f64>, j: usize) -> &mut [f64] {
+    let column = columns.col_mut(j).try_as_col_major_mut();
+    column.expect("columns are contiguous").as_slice_mut()
+}
+
 /// The way back.
 pub(crate) fn scatter(rows: &[Row], order: &[u32], mut columns: MatMut<'_, f64>) {
     for lane in 0..columns.ncols() {
-        let mut column = columns.as_mut().col_mut(lane);
+        let column = as_slice_mut(columns.as_mut(), lane);
         for (row, &i) in rows.iter().zip(order) {
             column[i as usize] = row[lane];
         }

@@ -1,11 +1,17 @@
 //! Orthonormal blocks of vectors.
 //!
-//! Columns are projected off a basis by matrix products and then off each other, twice: the
-//! second time with columns of unit length, so that what is left is orthogonal to rounding
-//! (Giraud, Langou, Rozložník 2005). A direction that vanishes is replaced by a random one, with
-//! a zero coefficient, so a block never gets narrower.
+//! ```text
+//! U ← U - V VᵀU,   UᵀU = RᵀR,   U ← U R⁻¹,   all of it twice
+//! ```
+//!
+//! Everything is a matrix product. The second pass starts from nearly orthonormal columns, so that
+//! what is left is orthogonal to rounding (Giraud, Langou & Rozložník 2005; Yamamoto et al. 2015).
+//! Where UᵀU is too near to singular for its Cholesky factor, that pass goes column by column, and
+//! a direction that vanishes is replaced by a random one with a zero coefficient: a block never
+//! gets narrower.
 
 use faer::linalg::matmul::matmul;
+use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{Accum, ColRef, Mat, MatMut, MatRef, Par};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -14,7 +20,9 @@ use rand_distr::{Distribution, StandardNormal};
 const LOSS_THAT_ASKS_FOR_ANOTHER_PASS: f64 = 0.5;
 /// A column whose length falls below this share of the largest has vanished.
 const VANISHED: f64 = 1e-14;
-/// Number of passes after which random replacements would be a defect of this code.
+/// Smallest pivot of UᵀU, relative to its diagonal, at which the Cholesky factor is used.
+const SMALLEST_PIVOT: f64 = 1e-10;
+/// Number of passes; two are enough unless a random column happens to need more.
 const MAX_PASSES: usize = 6;
 
 /// Scalar product of two columns.
@@ -52,10 +60,8 @@ pub(crate) fn orthonormalize(
     let (m, b) = (basis.ncols(), block.ncols());
     let mut along = Mat::<f64>::zeros(m, b);
     let mut inner = Mat::<f64>::identity(b, b);
-    let mut size = (0..b)
-        .map(|j| dot(block.as_ref().col(j), block.as_ref().col(j)))
-        .fold(0.0_f64, f64::max)
-        .sqrt();
+    let lengths = (0..b).map(|j| dot(block.as_ref().col(j), block.as_ref().col(j)).sqrt());
+    let mut vanished = VANISHED * lengths.fold(0.0, f64::max);
     let mut start = first_pass_start;
     for pass in 0..MAX_PASSES {
         let late = basis.subcols(start, m - start);
@@ -76,7 +82,10 @@ pub(crate) fn orthonormalize(
             -1.0,
             Par::Seq,
         );
-        let (triangle, kept) = orthonormalize_columns(block.as_mut(), VANISHED * size, rng);
+        let (triangle, kept) = match cholesky_orthonormalize(block.as_mut()) {
+            Some(done) => done,
+            None => orthonormalize_columns(block.as_mut(), vanished, rng),
+        };
         // along ← along + coefficients · inner,  inner ← triangle · inner
         matmul(
             along.as_mut().subrows_mut(start, m - start),
@@ -87,7 +96,7 @@ pub(crate) fn orthonormalize(
             Par::Seq,
         );
         inner = product(triangle.as_ref(), inner.as_ref());
-        size = 1.0;
+        vanished = VANISHED;
         start = 0;
         if pass > 0 && kept > LOSS_THAT_ASKS_FOR_ANOTHER_PASS {
             break;
@@ -100,6 +109,35 @@ fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {
     let mut c = Mat::zeros(a.nrows(), b.ncols());
     matmul(&mut c, Accum::Replace, a, b, 1.0, Par::Seq);
     c
+}
+
+/// U ← U R⁻¹ with UᵀU = RᵀR; returns R and its smallest diagonal entry.
+///
+/// `None`, and nothing changed, if UᵀU is nearly singular.
+fn cholesky_orthonormalize(block: MatMut<'_, f64>) -> Option<(Mat<f64>, f64)> {
+    let b = block.ncols();
+    let gram = product(block.as_ref().transpose(), block.as_ref());
+    // Lower triangular L = Rᵀ, row by row.
+    let mut lower = Mat::<f64>::zeros(b, b);
+    let mut kept = f64::INFINITY;
+    for i in 0..b {
+        for j in 0..=i {
+            let done: f64 = (0..j).map(|l| lower[(i, l)] * lower[(j, l)]).sum();
+            let rest = gram[(i, j)] - done;
+            if i > j {
+                lower[(i, j)] = rest / lower[(j, j)];
+                continue;
+            }
+            // Asked this way round so that NaN is refused as well.
+            if !(rest > SMALLEST_PIVOT * gram[(i, i)] && rest.is_finite()) {
+                return None;
+            }
+            lower[(i, i)] = rest.sqrt();
+            kept = kept.min(lower[(i, i)]);
+        }
+    }
+    solve_lower_triangular_in_place(lower.as_ref(), block.transpose_mut(), Par::Seq);
+    Some((lower.transpose().to_owned(), kept))
 }
 
 /// One pass of Gram-Schmidt within the block.
@@ -150,7 +188,65 @@ fn orthonormalize_columns(
 }
 
 fn scale(mut column: MatMut<'_, f64>, factor: f64) {
-    for i in 0..column.nrows() {
-        column[(i, 0)] *= factor;
+    for x in column.as_mut().col_mut(0).iter_mut() {
+        *x *= factor;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand_chacha::rand_core::SeedableRng;
+
+    /// Largest entry of |AᵀB - expected|.
+    fn worst(a: MatRef<'_, f64>, b: MatRef<'_, f64>, diagonal: f64) -> f64 {
+        let gram = product(a.transpose(), b);
+        let mut worst = 0.0_f64;
+        for j in 0..gram.ncols() {
+            for i in 0..gram.nrows() {
+                let expected = if i == j { diagonal } else { 0.0 };
+                worst = worst.max((gram[(i, j)] - expected).abs());
+            }
+        }
+        worst
+    }
+
+    #[test]
+    fn block_is_the_basis_and_the_result_times_the_coefficients() {
+        let mut rng = ChaCha8Rng::seed_from_u64(7);
+        let (n, m, b) = (200, 12, 5);
+        let mut basis = Mat::zeros(n, m);
+        fill_gaussian(basis.as_mut(), &mut rng);
+        orthonormalize(Mat::zeros(n, 0).as_ref(), 0, basis.as_mut(), &mut rng);
+        let mut block = Mat::zeros(n, b);
+        fill_gaussian(block.as_mut(), &mut rng);
+        // The last column is a combination of the basis and the first column, and so vanishes; the
+        // third is nearly the second.
+        for i in 0..n {
+            block[(i, 4)] = 2.0 * basis[(i, 3)] - block[(i, 0)];
+            block[(i, 2)] = block[(i, 1)] + 1e-9 * block[(i, 2)];
+        }
+        let before = block.clone();
+        let projection = orthonormalize(basis.as_ref(), 0, block.as_mut(), &mut rng);
+        let mut rebuilt = product(basis.as_ref(), projection.along.as_ref());
+        let inner = projection.inner.as_ref();
+        matmul(&mut rebuilt, Accum::Add, &block, inner, 1.0, Par::Seq);
+        let difference = &rebuilt - &before;
+        assert!(
+            difference.norm_l2() < 1e-12,
+            "block = basis · along + result · inner"
+        );
+        assert!(
+            worst(block.as_ref(), block.as_ref(), 1.0) < 1e-14,
+            "orthonormal"
+        );
+        assert!(
+            worst(basis.as_ref(), block.as_ref(), 0.0) < 1e-14,
+            "orthogonal to the basis"
+        );
+        assert!(
+            projection.inner[(4, 4)].abs() < 1e-12,
+            "the last column has vanished"
+        );
     }
 }

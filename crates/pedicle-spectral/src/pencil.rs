@@ -8,6 +8,10 @@
 //! Differences first: smooth vectors lose no digits, and a constant has exactly no energy where
 //! the rows sum to 0. Row sums of the size of rounding are taken as 0.
 
+use faer::MatRef;
+
+use crate::lanes::{LANES, Row, gather};
+
 /// Symmetric sparse rows with their masses.
 #[derive(Debug, Clone)]
 pub(crate) struct Pencil {
@@ -73,35 +77,59 @@ impl Pencil {
         }
     }
 
-    /// Rayleigh quotient xᵀWx / xᵀMx.
-    pub(crate) fn rayleigh_quotient(&self, x: &[f64]) -> f64 {
-        let mut energy = 0.0;
-        let mut norm = 0.0;
-        for i in 0..self.n() {
-            let mut row_energy = 0.0;
-            for (j, w) in self.row(i) {
-                if j > i {
-                    let difference = x[i] - x[j];
-                    row_energy -= w * difference * difference;
-                }
-            }
-            energy += self.row_sums[i] * x[i] * x[i] + row_energy;
-            norm += self.mass[i] * x[i] * x[i];
+    /// Rayleigh quotient λ = xᵀWx / xᵀMx and residual ‖W x - λ M x‖ in the M⁻¹ norm of every
+    /// column.
+    pub(crate) fn quotients_and_residuals(&self, columns: MatRef<'_, f64>) -> Vec<(f64, f64)> {
+        let order: Vec<u32> = (0..self.n() as u32).collect();
+        let mut x = vec![[0.0; LANES]; self.n()];
+        let mut product = x.clone();
+        let mut result = Vec::with_capacity(columns.ncols());
+        for first in (0..columns.ncols()).step_by(LANES) {
+            let count = LANES.min(columns.ncols() - first);
+            gather(columns.subcols(first, count), &order, &mut x);
+            let quotients = self.multiply(&x, &mut product);
+            let residuals = self.residuals(&x, &product, &quotients);
+            result.extend((0..count).map(|lane| (quotients[lane], residuals[lane])));
         }
-        energy / norm
+        result
     }
 
-    /// Residual ‖W x - λ M x‖ in the M⁻¹ norm, for x of unit M norm.
-    pub(crate) fn residual(&self, x: &[f64], eigenvalue: f64) -> f64 {
-        let mut sum = 0.0;
+    /// Products W x and Rayleigh quotients.
+    fn multiply(&self, x: &[Row], product: &mut [Row]) -> Row {
+        let mut energy = [0.0; LANES];
+        let mut norm = [0.0; LANES];
         for i in 0..self.n() {
-            let mut product = self.row_sums[i] * x[i];
+            let own = x[i];
+            let mut sum = [0.0; LANES];
+            let mut row_energy = [0.0; LANES];
             for (j, w) in self.row(i) {
-                product += w * (x[j] - x[i]);
+                let other = &x[j];
+                for lane in 0..LANES {
+                    let difference = other[lane] - own[lane];
+                    let flow = w * difference;
+                    sum[lane] += flow;
+                    row_energy[lane] -= flow * difference;
+                }
             }
-            let residual = product - eigenvalue * self.mass[i] * x[i];
-            sum += residual * residual / self.mass[i];
+            for lane in 0..LANES {
+                let along = self.row_sums[i] * own[lane];
+                product[i][lane] = along + sum[lane];
+                // Every edge is met from both of its ends.
+                energy[lane] += along * own[lane] + 0.5 * row_energy[lane];
+                norm[lane] += self.mass[i] * own[lane] * own[lane];
+            }
         }
-        sum.sqrt()
+        std::array::from_fn(|lane| energy[lane] / norm[lane])
+    }
+
+    fn residuals(&self, x: &[Row], product: &[Row], quotients: &Row) -> Row {
+        let mut sum = [0.0; LANES];
+        for ((x, product), &mass) in x.iter().zip(product).zip(&self.mass) {
+            for lane in 0..LANES {
+                let residual = product[lane] - quotients[lane] * mass * x[lane];
+                sum[lane] += residual * residual / mass;
+            }
+        }
+        sum.map(f64::sqrt)
     }
 }

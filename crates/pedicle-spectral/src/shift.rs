@@ -14,7 +14,7 @@ use crate::block::Block;
 /// Diagonal of the cotangent matrix on equilateral triangles, 6 / √3.
 const EQUILATERAL_DIAGONAL: f64 = 3.464_101_615_137_754_6;
 /// Counts between the number asked for and this many times it (and a few more) are accepted at once.
-const ACCEPTED_EXCESS: f64 = 0.2;
+const ACCEPTED_EXCESS: f64 = 0.35;
 /// Number of counts after which any number that is large enough is accepted.
 const MAX_PATIENT_COUNTS: usize = 6;
 /// Number of counts after which the search gives up.
@@ -34,7 +34,7 @@ pub(crate) struct CountedShift {
 pub(crate) fn find_shift(blocks: &[Block], n_pairs: usize) -> Result<CountedShift, SpectralError> {
     let k = n_pairs as f64;
     let accepted = n_pairs + 8 + (ACCEPTED_EXCESS * k) as usize;
-    let aim = k + 2.0 + 0.5 * ACCEPTED_EXCESS * k;
+    let aim = k + 2.0 + 0.4 * ACCEPTED_EXCESS * k;
     let mut shift = weyl_guess(blocks, aim);
     let mut too_low: Option<(f64, usize)> = None;
     let mut high_enough: Option<CountedShift> = None;

@@ -12,7 +12,7 @@ use faer::MatMut;
 use faer::MatRef;
 use faer::sparse::linalg::cholesky::supernodal::SymbolicSupernodalCholesky;
 
-use crate::lanes::{LANES, Row, add_scaled, gather, scatter};
+use crate::lanes::{LANES, Row, add_scaled, as_slice, gather, scatter};
 
 /// The numbers that the supernodal factorisation leaves behind.
 pub(crate) struct PivotedFactor {
@@ -155,9 +155,9 @@ impl TriangularFactor {
     ) {
         let n_columns = columns.ncols();
         for j in 0..n_columns {
-            let column = columns.col(j);
-            for i in j + 1..columns.nrows() {
-                if column[i] == 0.0 {
+            let column = as_slice(columns, j);
+            for (i, &value) in column.iter().enumerate().skip(j + 1) {
+                if value == 0.0 {
                     continue;
                 }
                 let row = match i.checked_sub(n_columns) {
@@ -165,7 +165,7 @@ impl TriangularFactor {
                     None => begin + i,
                 };
                 self.rows.push(row as u32);
-                self.values.push(column[i]);
+                self.values.push(value);
             }
             self.starts.push(self.rows.len());
         }
