@@ -1,14 +1,17 @@
 //! Whether a screw stays inside the bone.
 //!
-//!     clearance(s) = ρ(s) - r inside the bone,   -ρ(s) - r outside,   breach = max(0, -min clearance)
+//! ```text
+//! clearance(s) = ρ(s) - r inside the bone,   -ρ(s) - r outside,   breach = max(0, -min clearance)
+//! ```
 //!
 //! s distance along the screw's axis from the entry, ρ distance from the axis to the cortical
 //! surface at right angles to the axis, r radius of the screw, all in mm. The breach is how far
 //! the screw's wall reaches beyond the cortex, as Gertzbein & Robbins (Spine 1990) measure it.
 //!
-//! What counts is the pedicle and the body in front of it. Behind the pedicle the back part of the screw
-//! lies in a groove between facet, lamina and transverse process, where a cylinder that is
-//! perfectly placed still shows on one side: that stretch is in the profile, not in the verdict.
+//! What counts is the pedicle and the body in front of it. Behind the pedicle the back part of
+//! the screw lies in a groove between facet, lamina and transverse process, where a cylinder
+//! that is perfectly placed still shows on one side: that stretch is in the profile, not in the
+//! verdict.
 
 use nalgebra::{Point3, Vector3};
 use pedicle_mesh::SurfaceIndex;

@@ -3,15 +3,19 @@
 //! The extension decides: `.ron` for files kept by hand, `.json` for other programs. Both hold
 //! the same fields; lengths are mm. A plan in RON:
 //!
-//!     (
-//!         trajectories: [
-//!             (level: L4, side: left, entry_mm: (1, 2, 3), tip_mm: (1, 2, -37), diameter_mm: 6),
-//!         ],
-//!     )
+//! ```text
+//! (
+//!     trajectories: [
+//!         (level: L4, side: left, entry_mm: (1, 2, 3), tip_mm: (1, 2, -37), diameter_mm: 6),
+//!     ],
+//! )
+//! ```
 //!
 //! and landmarks in JSON:
 //!
-//!     {"landmarks": [{"level": "L4", "position_mm": [1, 2, 3]}]}
+//! ```text
+//! {"landmarks": [{"level": "L4", "position_mm": [1, 2, 3]}]}
+//! ```
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};

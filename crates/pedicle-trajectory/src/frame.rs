@@ -1,11 +1,15 @@
 //! Anatomical directions of a spine, from its shape alone.
 //!
-//!     up × anterior = left,   anterior × left = up,   left × up = anterior
+//! ```text
+//! up × anterior = left,   anterior × left = up,   left × up = anterior
+//! ```
 //!
 //! Up follows the chain of centroids (tangent at each level). Anterior is where the bulk of a
 //! vertebra, its body, lies: the thin posterior elements have surface but little volume, so
 //!
-//!     f = centroid of the volume - centroid of the surface,   made perpendicular to up
+//! ```text
+//! f = centroid of the volume - centroid of the surface,   made perpendicular to up
+//! ```
 //!
 //! points forward (4 to 7 mm long on lumbar vertebrae). Each level votes and the votes are
 //! added. Each frame is then refined by its own vertebra: `left` becomes the normal of the best

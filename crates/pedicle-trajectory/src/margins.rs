@@ -1,6 +1,8 @@
 //! How far a screw may be off before it can touch the cortex of a pedicle.
 //!
-//!     l_m = (w_p - w_s) / 2,   Δ_t = l_m,   Δ_R = atan(l_m / d_p)
+//! ```text
+//! l_m = (w_p - w_s) / 2,   Δ_t = l_m,   Δ_R = atan(l_m / d_p)
+//! ```
 //!
 //! w_s screw diameter, w_p pedicle width at its narrowest section (the isthmus), d_p depth of
 //! the isthmus below the entry point, all in mm; l_m gap on either side of a centred screw;

@@ -3,7 +3,9 @@
 //! The axis is the straight line that runs deepest inside the bone from behind the canal into
 //! the body: it maximises the soft minimum
 //!
-//!     f = -(1/k) log mean_i exp(-k d(x_i))
+//! ```text
+//! f = -(1/k) log mean_i exp(-k d(x_i))
+//! ```
 //!
 //! of the depth d below the surface at points x_i along it. Sections perpendicular to the axis
 //! are then closed contours; the one with the smallest area is the isthmus. Lengths in mm, k in 1/mm.

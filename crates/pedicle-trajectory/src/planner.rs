@@ -1,6 +1,8 @@
 //! A simple planner: the screw that runs deepest through a pedicle.
 //!
-//!     maximise  -(1/k) log Σ_i w_i exp(-k d(x_i)) - p |slope|²
+//! ```text
+//! maximise  -(1/k) log Σ_i w_i exp(-k d(x_i)) - p |slope|²
+//! ```
 //!
 //! over the two angles of the axis and the two offsets of the place where it crosses the
 //! isthmus; d depth below the surface at points x_i from behind the pedicle to the tip, w_i small
@@ -290,14 +292,15 @@ impl Planner<'_> {
         };
         let back = (entry - axis.at_isthmus).norm();
         let ahead = (tip - axis.at_isthmus).norm();
-        let start = (ENTRY_MM - back).min(-self.pedicle.behind_mm);
+        let judged_behind = self.pedicle.behind_mm + CheckOptions::default().behind_pedicle_mm;
+        let start = (ENTRY_MM - back).min(-judged_behind);
         let n = ((ahead - start) / sharpness.spacing_mm).max(1.0) as usize;
         let mut sum = 0.0;
         for k in 0..=n {
             let s = start + k as f64 * sharpness.spacing_mm;
             let depth = depth_mm(self.index, &(axis.at_isthmus + axis.direction * s));
             let depth = depth.min(self.enough_mm());
-            let bonus = if s < -self.pedicle.behind_mm {
+            let bonus = if s < -judged_behind {
                 ENTRY_BONUS_MM
             } else {
                 0.0
