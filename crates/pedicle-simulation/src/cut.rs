@@ -3,8 +3,8 @@
 //! An open posterior approach exposes the back of every vertebra. The cut therefore follows the
 //! spine as a hand that selects the exposed half does, and not one flat plane, which in a lordotic
 //! spine would leave one vertebra whole and another empty: every vertebra is cut by a frontal
-//! plane of its own, square to its own anterior direction, where half of its surface lies behind
-//! it. All planes of a draw share an offset along the anterior direction, uniform in ±5 mm, and
+//! plane of its own, square to its own anterior direction, where whole faces with half of its area lie
+//! behind it. All planes of a draw share an offset along the anterior direction, uniform in ±5 mm, and
 //! two tilts, about the left-right direction and about the spine, each uniform in ±10°.
 //!
 //! A face remains if all three corners are behind the plane. There are no new vertices, corners
@@ -77,28 +77,25 @@ impl Cut {
     }
 }
 
-/// The centroid, moved along `anterior` to where half of the surface lies behind.
+/// The centroid, moved along `anterior` to where whole faces with half of the area lie behind.
 fn half_area_point(mesh: &TriMesh, anterior: &Vector3<f64>) -> Point3<f64> {
     let centroid = mesh.centroid();
-    let mut slabs: Vec<(f64, f64)> = (0..mesh.n_faces())
+    let mut faces: Vec<(f64, f64)> = (0..mesh.n_faces())
         .map(|face| {
-            let [a, b, c] = mesh.triangle(face);
-            let middle = (a.coords + b.coords + c.coords) / 3.0;
-            (
-                (middle - centroid.coords).dot(anterior),
-                mesh.face_area(face),
-            )
+            let corners = mesh.triangle(face).map(|p| (p - centroid).dot(anterior));
+            let foremost = corners.into_iter().fold(f64::NEG_INFINITY, f64::max);
+            (foremost, mesh.face_area(face))
         })
         .collect();
-    slabs.sort_by(|a, b| a.0.total_cmp(&b.0));
+    faces.sort_by(|a, b| a.0.total_cmp(&b.0));
     let half = 0.5 * mesh.area();
     let mut behind = 0.0;
-    let middle = slabs
+    let along = faces
         .iter()
         .find(|(_, area)| {
             behind += area;
             behind >= half
         })
-        .map_or(0.0, |slab| slab.0);
-    centroid + anterior * middle
+        .map_or(0.0, |face| face.0);
+    centroid + anterior * along
 }

@@ -1,5 +1,38 @@
 //! Parametric lumbar phantom, deformations, noise and the scenarios of the published suite.
+//!
+//! - A phantom spine L1 to L5 from published morphometry ([`morphometry`]): smooth closed surfaces,
+//!   landmarks, and pedicles whose isthmus, axis, width and height are known exactly.
+//!   [`PhantomParameters::default`] is the mean spine, [`PhantomParameters::subject`] a person drawn
+//!   around it.
+//! - The suite `paper`: [`paper_scenarios`] lists it, [`simulate`] carries one scenario out on a
+//!   [`SpineCase`], which can be a phantom or real surfaces.
+//! - What the results are measured with: [`metrics`].
+//!
+//! Lengths are in mm and angles in rad. The phantom's frame is RAS: x to the patient's right, y to the
+//! front, z up, with the origin in the middle of the body of L3. A pose `target_from_source` takes
+//! source coordinates to target coordinates. Everything random follows from a seed and is the same on
+//! any number of threads.
+//!
+//! ```
+//! use pedicle_simulation::{
+//!     MeshingOptions, PhantomParameters, generate_phantom, paper_scenarios, simulate,
+//! };
+//!
+//! let phantom = generate_phantom(&PhantomParameters::subject(7), &MeshingOptions::default())?;
+//! assert_eq!(phantom.plan().trajectories.len(), 10);
+//!
+//! let case = phantom.spine_case(3_500)?;
+//! let scenarios = paper_scenarios(2024, 10);
+//! assert_eq!(scenarios.len(), 90);
+//!
+//! let target = simulate(&case, &scenarios[30])?;
+//! let truth = &target.truth[0];
+//! let found = truth.target_from_source; // what a method would estimate from `target.mesh`
+//! assert!(truth.error_of(&found).translation_mm < 1e-9);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
+mod arch;
 mod case;
 mod cut;
 mod error;
@@ -8,11 +41,13 @@ mod meshing;
 pub mod metrics;
 pub mod morphometry;
 mod parameters;
+mod pedicle;
 mod phantom;
 mod scenario;
 mod sdf;
 mod simulate;
 mod spine;
+mod subject;
 mod vertebra;
 
 pub use case::{CaseVertebra, SpineCase};

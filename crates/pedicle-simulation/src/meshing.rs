@@ -3,7 +3,9 @@
 //! Surface nets over a regular grid give the connectivity. The vertices are then moved onto the
 //! exact surface by Newton steps along the gradient in f64,
 //!
-//!     p ← p - f(p) ∇f / |∇f|²,
+//! ```text
+//! p ← p - f(p) ∇f / |∇f|²,
+//! ```
 //!
 //! alternating with a few smoothing steps within the surface for better triangles. Should a grid
 //! not give one closed manifold, the next one is a little finer.

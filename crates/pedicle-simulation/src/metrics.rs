@@ -92,19 +92,14 @@ impl ErrorSummary {
     pub fn push(&mut self, error: f64) {
         self.n += 1;
         self.sum_of_squares += error * error;
-        // A NaN stays visible.
-        if !(error.abs() <= self.largest) {
-            self.largest = error.abs();
-        }
+        self.largest = larger(self.largest, error.abs());
     }
 
     /// Takes all errors of another summary.
     pub fn merge(&mut self, other: &Self) {
         self.n += other.n;
         self.sum_of_squares += other.sum_of_squares;
-        if !(other.largest <= self.largest) {
-            self.largest = other.largest;
-        }
+        self.largest = larger(self.largest, other.largest);
     }
 
     /// How many errors were taken.
@@ -124,6 +119,11 @@ impl ErrorSummary {
     pub fn largest(&self) -> Option<f64> {
         (self.n > 0).then_some(self.largest)
     }
+}
+
+/// The larger of two numbers; a NaN stays visible, which `f64::max` would drop.
+fn larger(a: f64, b: f64) -> f64 {
+    if b > a || b.is_nan() { b } else { a }
 }
 
 /// Pose errors over several draws.

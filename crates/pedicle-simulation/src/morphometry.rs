@@ -18,11 +18,22 @@
 //! - Masharawi 2009: Masharawi et al., Eur. Spine J., 10.1007/s00586-009-1256-6 (facets over
 //!   body width).
 
+/// What a row is measured in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Unit {
+    /// Millimetres.
+    Millimetre,
+    /// Degrees.
+    Degree,
+}
+
 /// One dimension over the five levels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MorphometryRow {
     /// What is measured.
     pub name: &'static str,
+    /// Unit of the mean and the deviation.
+    pub unit: Unit,
     /// Mean at L1, L2, L3, L4, L5; mm or degrees.
     pub mean: [f64; 5],
     /// Standard deviation between people at L1 to L5; mm or degrees.
@@ -31,7 +42,7 @@ pub struct MorphometryRow {
     pub source: &'static str,
 }
 
-const fn row(
+const fn length(
     name: &'static str,
     mean: [f64; 5],
     deviation: [f64; 5],
@@ -39,6 +50,22 @@ const fn row(
 ) -> MorphometryRow {
     MorphometryRow {
         name,
+        unit: Unit::Millimetre,
+        mean,
+        deviation,
+        source,
+    }
+}
+
+const fn angle(
+    name: &'static str,
+    mean: [f64; 5],
+    deviation: [f64; 5],
+    source: &'static str,
+) -> MorphometryRow {
+    MorphometryRow {
+        name,
+        unit: Unit::Degree,
         mean,
         deviation,
         source,
@@ -46,7 +73,7 @@ const fn row(
 }
 
 /// Width of the upper endplate, mm.
-pub const BODY_WIDTH_UPPER: MorphometryRow = row(
+pub const BODY_WIDTH_UPPER: MorphometryRow = length(
     "upper endplate width",
     [41.2, 42.6, 44.1, 46.6, 47.3],
     [3.6, 2.6, 3.0, 4.2, 4.2],
@@ -54,7 +81,7 @@ pub const BODY_WIDTH_UPPER: MorphometryRow = row(
 );
 
 /// Width of the lower endplate, mm.
-pub const BODY_WIDTH_LOWER: MorphometryRow = row(
+pub const BODY_WIDTH_LOWER: MorphometryRow = length(
     "lower endplate width",
     [43.3, 45.5, 48.0, 49.5, 49.4],
     [3.0, 3.0, 3.0, 4.0, 4.0],
@@ -62,7 +89,7 @@ pub const BODY_WIDTH_LOWER: MorphometryRow = row(
 );
 
 /// Depth (front to back) of the upper endplate, mm.
-pub const BODY_DEPTH_UPPER: MorphometryRow = row(
+pub const BODY_DEPTH_UPPER: MorphometryRow = length(
     "upper endplate depth",
     [34.1, 34.6, 35.2, 35.5, 34.7],
     [2.6, 2.6, 2.8, 2.8, 3.1],
@@ -70,7 +97,7 @@ pub const BODY_DEPTH_UPPER: MorphometryRow = row(
 );
 
 /// Depth of the lower endplate, mm.
-pub const BODY_DEPTH_LOWER: MorphometryRow = row(
+pub const BODY_DEPTH_LOWER: MorphometryRow = length(
     "lower endplate depth",
     [35.3, 34.9, 34.8, 33.9, 33.2],
     [2.8, 2.8, 2.8, 2.8, 3.1],
@@ -78,7 +105,7 @@ pub const BODY_DEPTH_LOWER: MorphometryRow = row(
 );
 
 /// Height of the front of the vertebral body, mm.
-pub const BODY_HEIGHT_ANTERIOR: MorphometryRow = row(
+pub const BODY_HEIGHT_ANTERIOR: MorphometryRow = length(
     "anterior body height",
     [24.54, 25.75, 26.83, 26.86, 27.44],
     [2.2, 2.0, 2.1, 2.2, 2.1],
@@ -86,7 +113,7 @@ pub const BODY_HEIGHT_ANTERIOR: MorphometryRow = row(
 );
 
 /// Height of the back of the vertebral body, mm.
-pub const BODY_HEIGHT_POSTERIOR: MorphometryRow = row(
+pub const BODY_HEIGHT_POSTERIOR: MorphometryRow = length(
     "posterior body height",
     [26.57, 27.02, 26.67, 25.76, 24.11],
     [2.1, 2.1, 2.1, 2.3, 2.5],
@@ -94,7 +121,7 @@ pub const BODY_HEIGHT_POSTERIOR: MorphometryRow = row(
 );
 
 /// Height of the disc below the level, mm. The one below L5 only places the lower facets.
-pub const DISC_HEIGHT: MorphometryRow = row(
+pub const DISC_HEIGHT: MorphometryRow = length(
     "disc height",
     [9.2, 9.8, 10.3, 11.3, 10.6],
     [1.0, 1.2, 1.0, 1.3, 1.6],
@@ -102,7 +129,7 @@ pub const DISC_HEIGHT: MorphometryRow = row(
 );
 
 /// Angle by which the disc below the level opens to the front, degrees.
-pub const DISC_ANGLE: MorphometryRow = row(
+pub const DISC_ANGLE: MorphometryRow = angle(
     "disc angle",
     [4.0, 5.5, 7.5, 10.5, 13.0],
     [1.5, 1.5, 1.5, 2.0, 2.0],
@@ -110,7 +137,7 @@ pub const DISC_ANGLE: MorphometryRow = row(
 );
 
 /// Least width of the pedicle, at its isthmus, square to its axis, mm.
-pub const PEDICLE_WIDTH: MorphometryRow = row(
+pub const PEDICLE_WIDTH: MorphometryRow = length(
     "pedicle width",
     [8.7, 8.9, 10.3, 12.9, 16.1],
     [2.3, 2.2, 2.6, 2.1, 2.3],
@@ -118,7 +145,7 @@ pub const PEDICLE_WIDTH: MorphometryRow = row(
 );
 
 /// Height of the pedicle at its isthmus, mm.
-pub const PEDICLE_HEIGHT: MorphometryRow = row(
+pub const PEDICLE_HEIGHT: MorphometryRow = length(
     "pedicle height",
     [15.4, 15.0, 14.9, 14.8, 14.0],
     [2.8, 1.5, 2.4, 2.1, 2.3],
@@ -126,7 +153,7 @@ pub const PEDICLE_HEIGHT: MorphometryRow = row(
 );
 
 /// Angle of the pedicle's axis with the sagittal plane, degrees, converging to the front.
-pub const PEDICLE_TRANSVERSE_ANGLE: MorphometryRow = row(
+pub const PEDICLE_TRANSVERSE_ANGLE: MorphometryRow = angle(
     "pedicle transverse angle",
     [10.9, 12.0, 14.4, 17.7, 29.8],
     [2.5, 2.5, 2.5, 2.5, 3.0],
@@ -134,7 +161,7 @@ pub const PEDICLE_TRANSVERSE_ANGLE: MorphometryRow = row(
 );
 
 /// Angle of the pedicle's axis with the plane of the body, degrees, positive: rises to the front.
-pub const PEDICLE_SAGITTAL_ANGLE: MorphometryRow = row(
+pub const PEDICLE_SAGITTAL_ANGLE: MorphometryRow = angle(
     "pedicle sagittal angle",
     [2.4, 1.8, 0.2, 0.2, -1.8],
     [1.0, 1.0, 1.0, 1.0, 1.0],
@@ -142,7 +169,7 @@ pub const PEDICLE_SAGITTAL_ANGLE: MorphometryRow = row(
 );
 
 /// Width of the vertebral canal between the pedicles, mm.
-pub const CANAL_WIDTH: MorphometryRow = row(
+pub const CANAL_WIDTH: MorphometryRow = length(
     "canal width",
     [23.7, 23.8, 24.3, 25.4, 27.1],
     [3.2, 2.5, 2.2, 1.7, 3.0],
@@ -150,7 +177,7 @@ pub const CANAL_WIDTH: MorphometryRow = row(
 );
 
 /// Depth of the vertebral canal, mm.
-pub const CANAL_DEPTH: MorphometryRow = row(
+pub const CANAL_DEPTH: MorphometryRow = length(
     "canal depth",
     [19.0, 18.2, 17.5, 18.6, 19.7],
     [2.3, 1.8, 1.8, 2.5, 1.7],
@@ -158,7 +185,7 @@ pub const CANAL_DEPTH: MorphometryRow = row(
 );
 
 /// Thickness of the lamina, mm.
-pub const LAMINA_THICKNESS: MorphometryRow = row(
+pub const LAMINA_THICKNESS: MorphometryRow = length(
     "lamina thickness",
     [6.8, 7.0, 7.2, 7.2, 6.6],
     [0.6, 0.6, 0.6, 0.6, 0.6],
@@ -166,7 +193,7 @@ pub const LAMINA_THICKNESS: MorphometryRow = row(
 );
 
 /// Height of the lamina, mm; lower and broader downwards.
-pub const LAMINA_HEIGHT: MorphometryRow = row(
+pub const LAMINA_HEIGHT: MorphometryRow = length(
     "lamina height",
     [22.0, 22.0, 21.0, 18.5, 15.5],
     [1.5, 1.5, 1.5, 1.5, 1.5],
@@ -174,7 +201,7 @@ pub const LAMINA_HEIGHT: MorphometryRow = row(
 );
 
 /// Width of an articular facet, mm.
-pub const FACET_WIDTH: MorphometryRow = row(
+pub const FACET_WIDTH: MorphometryRow = length(
     "facet width",
     [12.4, 12.7, 13.8, 14.7, 15.6],
     [1.5, 1.5, 1.5, 1.5, 1.5],
@@ -182,7 +209,7 @@ pub const FACET_WIDTH: MorphometryRow = row(
 );
 
 /// Height of an articular facet, mm.
-pub const FACET_HEIGHT: MorphometryRow = row(
+pub const FACET_HEIGHT: MorphometryRow = length(
     "facet height",
     [15.3, 16.0, 15.7, 16.2, 17.0],
     [1.5, 1.5, 1.5, 1.5, 1.5],
@@ -190,7 +217,7 @@ pub const FACET_HEIGHT: MorphometryRow = row(
 );
 
 /// Distance between the centres of the two upper facets, mm.
-pub const INTERFACET_WIDTH: MorphometryRow = row(
+pub const INTERFACET_WIDTH: MorphometryRow = length(
     "interfacet width",
     [26.0, 26.5, 28.5, 33.0, 39.0],
     [1.5, 1.5, 1.5, 1.5, 2.0],
@@ -198,7 +225,7 @@ pub const INTERFACET_WIDTH: MorphometryRow = row(
 );
 
 /// Angle of the upper facet's plane with the sagittal plane, degrees.
-pub const FACET_ANGLE: MorphometryRow = row(
+pub const FACET_ANGLE: MorphometryRow = angle(
     "facet angle",
     [18.0, 22.0, 30.0, 40.0, 48.0],
     [4.0, 4.0, 4.0, 4.0, 4.0],
@@ -206,7 +233,7 @@ pub const FACET_ANGLE: MorphometryRow = row(
 );
 
 /// Distance between the tips of the transverse processes, mm.
-pub const TRANSVERSE_WIDTH: MorphometryRow = row(
+pub const TRANSVERSE_WIDTH: MorphometryRow = length(
     "transverse process width",
     [71.2, 76.1, 85.7, 79.3, 92.5],
     [5.0, 5.0, 6.0, 5.0, 6.0],
@@ -214,7 +241,7 @@ pub const TRANSVERSE_WIDTH: MorphometryRow = row(
 );
 
 /// Rise of the transverse process towards its tip, degrees.
-pub const TRANSVERSE_ELEVATION: MorphometryRow = row(
+pub const TRANSVERSE_ELEVATION: MorphometryRow = angle(
     "transverse process elevation",
     [2.0, 3.0, 2.0, 14.0, 20.0],
     [3.0, 3.0, 3.0, 3.0, 3.0],
@@ -222,7 +249,7 @@ pub const TRANSVERSE_ELEVATION: MorphometryRow = row(
 );
 
 /// Half height of the transverse process at its root, mm.
-pub const TRANSVERSE_HALF_HEIGHT: MorphometryRow = row(
+pub const TRANSVERSE_HALF_HEIGHT: MorphometryRow = length(
     "transverse process half height",
     [5.0, 5.0, 5.0, 5.2, 7.0],
     [0.4, 0.4, 0.4, 0.4, 0.6],
@@ -230,7 +257,7 @@ pub const TRANSVERSE_HALF_HEIGHT: MorphometryRow = row(
 );
 
 /// Distance from the back of the body to the tip of the spinous process, mm.
-pub const SPINOUS_REACH: MorphometryRow = row(
+pub const SPINOUS_REACH: MorphometryRow = length(
     "spinous process reach",
     [46.0, 48.5, 48.5, 46.5, 42.0],
     [3.0, 3.0, 3.0, 3.0, 3.0],
@@ -238,7 +265,7 @@ pub const SPINOUS_REACH: MorphometryRow = row(
 );
 
 /// Height of the spinous process, mm.
-pub const SPINOUS_HEIGHT: MorphometryRow = row(
+pub const SPINOUS_HEIGHT: MorphometryRow = length(
     "spinous process height",
     [21.0, 22.5, 23.0, 20.0, 15.0],
     [1.5, 1.5, 1.5, 1.5, 1.5],
@@ -246,7 +273,7 @@ pub const SPINOUS_HEIGHT: MorphometryRow = row(
 );
 
 /// Thickness of the spinous process, mm.
-pub const SPINOUS_THICKNESS: MorphometryRow = row(
+pub const SPINOUS_THICKNESS: MorphometryRow = length(
     "spinous process thickness",
     [6.4, 6.6, 6.8, 6.6, 6.2],
     [0.6, 0.6, 0.6, 0.6, 0.6],
@@ -254,7 +281,7 @@ pub const SPINOUS_THICKNESS: MorphometryRow = row(
 );
 
 /// Fall of the spinous process towards its tip, degrees.
-pub const SPINOUS_SLOPE: MorphometryRow = row(
+pub const SPINOUS_SLOPE: MorphometryRow = angle(
     "spinous process slope",
     [24.0, 20.0, 16.0, 14.0, 16.0],
     [3.0, 3.0, 3.0, 3.0, 3.0],

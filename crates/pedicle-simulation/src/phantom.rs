@@ -23,8 +23,8 @@ const ISTHMUS_CLEARANCE_MM: f64 = 1.8;
 const SCREW_LENGTH_MM: f64 = 45.0;
 /// Bone to keep in front of the tip, measured along the axis, mm.
 const TIP_CLEARANCE_MM: f64 = 5.0;
-/// Bone to keep around the axis at the tip, mm: the largest radius and 1 mm.
-const TIP_ROOM_MM: f64 = 4.0;
+/// Bone to keep around the axis at the tip, mm: the largest radius and half a millimetre.
+const TIP_ROOM_MM: f64 = 3.5;
 /// Step in which the usable depth is looked for, mm.
 const DEPTH_STEP_MM: f64 = 0.25;
 /// How far from the isthmus the axis is followed to the surface, mm.
@@ -49,8 +49,8 @@ pub struct PedicleTruth {
     pub entry: Point3<f64>,
     /// Where the axis leaves the bone at the front of the body, mm.
     pub exit: Point3<f64>,
-    /// Depth below the entry to which the axis keeps 4 mm of bone around it and 5 mm of bone in
-    /// front, mm.
+    /// Depth below the entry to which the axis keeps 3.5 mm of bone around it and 5 mm of bone
+    /// in front, mm.
     pub usable_depth_mm: f64,
 }
 
@@ -94,7 +94,7 @@ pub fn generate_phantom(
         .map(|level| {
             let pose = &spine.poses[level.index()];
             let shape = &spine.vertebrae[level.index()];
-            let (inside, outward) = shape.spinous_end;
+            let (inside, outward) = (shape.spinous.inside, shape.spinous.outward);
             let along = spine
                 .crossing(level, &inside, &outward, AXIS_REACH_MM)
                 .unwrap_or(0.0);

@@ -1,6 +1,8 @@
 //! Smooth implicit solids: negative inside, positive outside, first-order distances in mm.
 //!
-//!     smin_k(a, b) = min(a, b) - h² k / 4,   h = max(k - |a - b|, 0) / k
+//! ```text
+//! smin_k(a, b) = min(a, b) - h² k / 4,   h = max(k - |a - b|, 0) / k
+//! ```
 //!
 //! The blend is once differentiable and ends where the two differ by k, so parts that are farther
 //! apart than k keep their exact shape. A level set h = 1 has the first-order distance

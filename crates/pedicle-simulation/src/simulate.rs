@@ -2,7 +2,9 @@
 //!
 //! For vertebra i, counted from the lowest (i = 1), a target point is
 //!
-//!     q = T R (B_i p) + n,   B_i: turn by (i - 1) · 5° about the spine axis
+//! ```text
+//! q = T R (B_i p) + n,   B_i: turn by (i - 1) · 5° about the spine axis
+//! ```
 //!
 //! B_i is the identity in the rigid scenarios. The spine axis is the line from the centroid of the
 //! lowest to the centroid of the highest vertebra; the turn is right-handed seen from above. R

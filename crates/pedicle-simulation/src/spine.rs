@@ -6,18 +6,21 @@
 //! Neighbours share facet joints, where their raw solids overlap. With f the vertebra's own field
 //! and f' a neighbour's, the bone is
 //!
-//!     g = max(f, (f - f' + gap) / 2)
+//! ```text
+//! g = max(f, (f - f' + gap) / 2)
+//! ```
 //!
 //! so a point belongs to the vertebra only if it is deeper in it than in the neighbour by the gap:
 //! two neighbours can never share a point, and the facets of a joint fit each other.
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
-use pedicle_trajectory::Level;
+use pedicle_trajectory::{Level, Side};
 
 use crate::PhantomParameters;
+use crate::arch::{FacetJoint, upper_joint};
 use crate::parameters::LevelParameters;
 use crate::sdf::smooth_intersection;
-use crate::vertebra::{FacetJoint, VertebraShape, upper_joint};
+use crate::vertebra::VertebraShape;
 
 /// Beyond this distance from the bone its neighbours need not be asked, mm.
 const NEIGHBOUR_REACH_MM: f64 = 6.0;
@@ -129,10 +132,7 @@ impl SpineShape {
 }
 
 fn joints_of(parameters: &LevelParameters) -> [FacetJoint; 2] {
-    [
-        upper_joint(parameters, &parameters.sides[0], -1.0),
-        upper_joint(parameters, &parameters.sides[1], 1.0),
-    ]
+    [Side::Left, Side::Right].map(|side| upper_joint(parameters, side))
 }
 
 /// `upper_from_lower`: the frame of the vertebra below in that of the one above.

@@ -5,172 +5,35 @@
 //!
 //! The solid is
 //!
-//!     f = (body ∪ pedicles ∪ arch) ∖ canal,   f ← f + w (f_pedicle - f)
+//! ```text
+//! f = (body ∪ pedicles ∪ arch) ∖ canal,   f ← f + w (f_pedicle - f)
+//! ```
 //!
 //! with smooth operations ([`crate::sdf`]). The last step is done around each isthmus: w is 1 at
 //! the isthmus plane inside an ellipse somewhat larger than the pedicle and falls to 0 within a
 //! few millimetres. There the bone is the pedicle's tube and nothing else, so its narrowest
 //! section has exactly the width and the height of the table.
 
-use nalgebra::{Isometry3, Point3, Unit, Vector3};
+use nalgebra::{Point3, Vector3};
+use pedicle_trajectory::Side;
 
-use crate::parameters::{LevelParameters, SideParameters};
-use crate::sdf::{
-    Strut, ellipse, smooth_difference, smooth_intersection, smooth_step, smooth_union, superellipse,
-};
-
-/// The isthmus lies this far behind the back of the body, mm.
-const ISTHMUS_BEHIND_BODY_MM: f64 = 4.2;
-/// Height of the pedicle's centre above the middle of the body over the body's posterior height.
-const PEDICLE_ELEVATION: f64 = 0.13;
-/// The upper border of the pedicle stays this far below the back of the upper endplate, mm.
-const PEDICLE_BELOW_ENDPLATE_MM: f64 = 1.0;
-/// Bone between the canal and the pedicle's inner wall, mm.
-const CANAL_TO_PEDICLE_MM: f64 = 0.3;
-/// Half thickness of the two processes of a facet joint, mm.
-const FACET_HALF_THICKNESS_MM: f64 = 4.4;
-/// Distance from the middle of a facet joint to the middle of either process, mm.
-const FACET_TO_PROCESS_MM: f64 = 4.2;
-/// The upper articular processes lie this far behind the back of the body, mm.
-const FACET_BEHIND_BODY_MM: f64 = 12.5;
-/// The pedicle is its pure tube within this distance of the isthmus along the axis, mm.
-const ISTHMUS_PURE_MM: f64 = 1.4;
-/// Beyond that, the other parts come back over this distance, mm.
-const ISTHMUS_BLEND_MM: f64 = 2.8;
-/// Half of the pedicle's tube, from the isthmus to either end, mm.
-const PEDICLE_REACH_MM: f64 = 13.0;
-/// Relative growth of the tube's semi-axes from the isthmus to its ends.
-const PEDICLE_FLARE: f64 = 0.42;
+use crate::arch::{FacetJoint, Joined, SpinousProcess, side_parts, upper_joint};
+use crate::parameters::LevelParameters;
+use crate::pedicle::Pedicle;
+use crate::sdf::{smooth_difference, smooth_intersection, smooth_step, smooth_union, superellipse};
 
 /// Farther behind the body than this, its exact distance no longer matters, mm.
 const BODY_REACH_MM: f64 = 14.0;
 /// Farther in front of the body's back than this, the arch no longer matters, mm.
 const ARCH_REACH_MM: f64 = 8.0;
 
-/// Middle of a facet joint in the frame of a vertebra.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct FacetJoint {
-    /// Middle of the joint space.
-    pub(crate) center: Point3<f64>,
-    /// Unit normal of the joint, from the lower process of the upper vertebra to the upper
-    /// process of the lower one.
-    pub(crate) normal: Vector3<f64>,
-}
-
-impl FacetJoint {
-    /// The joint in another frame.
-    pub(crate) fn transformed(&self, motion: &Isometry3<f64>) -> Self {
-        Self {
-            center: motion * self.center,
-            normal: motion * self.normal,
-        }
-    }
-}
-
-/// The pedicle's tube around its isthmus.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Pedicle {
-    /// Centre of the narrowest section.
-    pub(crate) isthmus: Point3<f64>,
-    /// Unit axis, from the back to the front.
-    pub(crate) axis: Unit<Vector3<f64>>,
-    /// Unit direction of the width, to the right.
-    pub(crate) across: Vector3<f64>,
-    /// Unit direction of the height, upwards.
-    pub(crate) up: Vector3<f64>,
-    /// Half width and half height at the isthmus.
-    pub(crate) radii: [f64; 2],
-}
-
-impl Pedicle {
-    fn new(parameters: &LevelParameters, side: &SideParameters, sign: f64) -> Self {
-        let (sin_t, cos_t) = side.pedicle_transverse_rad.sin_cos();
-        let (sin_s, cos_s) = side.pedicle_sagittal_rad.sin_cos();
-        let axis = Vector3::new(-sign * sin_t * cos_s, cos_t * cos_s, sin_s);
-        let across = axis.cross(&Vector3::z()).normalize();
-        let half_width = 0.5 * side.pedicle_width_mm;
-        let half_height = 0.5 * side.pedicle_height_mm;
-        let height = parameters.body_height_posterior_mm;
-        let highest = 0.5 * height - PEDICLE_BELOW_ENDPLATE_MM - half_height;
-        let isthmus = Point3::new(
-            sign * (0.5 * parameters.canal_width_mm + CANAL_TO_PEDICLE_MM + half_width / cos_t),
-            back_of_body(parameters) - ISTHMUS_BEHIND_BODY_MM,
-            highest.min(PEDICLE_ELEVATION * height),
-        );
-        Self {
-            isthmus,
-            axis: Unit::new_normalize(axis),
-            across,
-            up: across.cross(&axis),
-            radii: [half_width, half_height],
-        }
-    }
-
-    /// Coordinates across, up and along.
-    fn local(&self, p: &Point3<f64>) -> [f64; 3] {
-        let offset = p - self.isthmus;
-        [
-            offset.dot(&self.across),
-            offset.dot(&self.up),
-            offset.dot(&self.axis),
-        ]
-    }
-
-    fn distance(&self, p: &Point3<f64>) -> f64 {
-        let [u, v, t] = self.local(p);
-        let s = (t / PEDICLE_REACH_MM).clamp(-1.0, 1.0);
-        let flare = 1.0 + PEDICLE_FLARE * s * s;
-        let [a, b] = self.radii;
-        let tube = ellipse(u, v, [a * flare, b * flare]);
-        smooth_intersection(tube, t.abs() - PEDICLE_REACH_MM, 4.0)
-    }
-
-    /// How much the bone is the pure tube here: 1 around the isthmus, 0 away from it.
-    fn purity(&self, p: &Point3<f64>) -> f64 {
-        let [u, v, t] = self.local(p);
-        let along = 1.0 - smooth_step((t.abs() - ISTHMUS_PURE_MM) / ISTHMUS_BLEND_MM);
-        if along <= 0.0 {
-            return 0.0;
-        }
-        let [a, b] = self.radii;
-        let r = f64::hypot(u / (a + 1.5), v / (b + 1.5));
-        along * (1.0 - smooth_step((r - 1.0) / 0.35))
-    }
-}
-
-/// Where the back of the body lies in its own frame, mm.
-pub(crate) fn back_of_body(parameters: &LevelParameters) -> f64 {
-    -0.5 * parameters.body_depth_mm()
-}
-
-/// The joint that the upper process of one side takes part in.
-pub(crate) fn upper_joint(
-    parameters: &LevelParameters,
-    side: &SideParameters,
-    sign: f64,
-) -> FacetJoint {
-    let (sin, cos) = side.facet_angle_rad.sin_cos();
-    FacetJoint {
-        center: Point3::new(
-            sign * side.facet_offset_mm,
-            back_of_body(parameters) - FACET_BEHIND_BODY_MM - FACET_TO_PROCESS_MM * sin,
-            0.5 * parameters.body_height_posterior_mm - 1.0,
-        ),
-        normal: Vector3::new(sign * cos, sin, 0.0),
-    }
-}
-
 /// One vertebra, ready to be evaluated.
 #[derive(Debug, Clone)]
 pub(crate) struct VertebraShape {
     parameters: LevelParameters,
     pub(crate) pedicles: [Pedicle; 2],
-    /// Laminae, pillars and articular and transverse processes of either side.
-    struts: Vec<(Strut, f64)>,
-    /// The plate of the spinous process and its thick border.
-    spinous: Vec<(Strut, f64)>,
-    /// A point deep in the end of the spinous process and the direction to its top.
-    pub(crate) spinous_end: (Point3<f64>, Vector3<f64>),
+    arch: Vec<Joined>,
+    pub(crate) spinous: SpinousProcess,
     canal_taper: f64,
     body_dent_mm: f64,
     relief_mm: f64,
@@ -185,28 +48,21 @@ impl VertebraShape {
         level_index: usize,
         relief: (f64, [f64; 3]),
     ) -> Self {
-        let mut struts = Vec::new();
-        let mut pedicles = Vec::new();
-        for (index, sign) in [-1.0, 1.0].into_iter().enumerate() {
-            let side = &parameters.sides[index];
-            let pedicle = Pedicle::new(parameters, side, sign);
-            let upper = upper_joint(parameters, side, sign);
-            push_side(
-                &mut struts,
-                (parameters, side, sign),
-                &pedicle,
-                [&upper, &lower_joints[index]],
-            );
-            pedicles.push(pedicle);
+        let sides = [Side::Left, Side::Right];
+        let pedicles = sides.map(|side| Pedicle::new(parameters, side));
+        let spinous = SpinousProcess::new(parameters);
+        let mut arch = Vec::new();
+        for (side, (pedicle, lower)) in sides.into_iter().zip(pedicles.iter().zip(lower_joints)) {
+            let upper = upper_joint(parameters, side);
+            arch.extend(side_parts(parameters, side, pedicle, &upper, lower));
         }
-        let (spinous, spinous_end) = spinous_process(parameters);
+        arch.extend(spinous.parts);
         let drop = level_index as f64 / 4.0;
         Self {
             parameters: *parameters,
-            pedicles: [pedicles[0], pedicles[1]],
-            struts,
+            pedicles,
+            arch,
             spinous,
-            spinous_end,
             canal_taper: 0.38 + 0.22 * drop,
             body_dent_mm: 1.6 * (1.0 - drop),
             relief_mm: relief.0,
@@ -223,10 +79,10 @@ impl VertebraShape {
             f = smooth_union(f, tube, 4.0);
         }
         // Far in front of the arch none of it matters.
-        if x.y < back_of_body(&self.parameters) + ARCH_REACH_MM {
+        if x.y < self.parameters.back_of_body_mm() + ARCH_REACH_MM {
             let mut arch = ARCH_REACH_MM;
-            for (strut, blend) in self.struts.iter().chain(&self.spinous) {
-                arch = smooth_union(arch, strut.distance(&x), *blend);
+            for part in &self.arch {
+                arch = smooth_union(arch, part.strut.distance(&x), part.fillet_mm);
             }
             f = smooth_union(f, arch, 3.5);
             f = smooth_difference(f, self.canal(&x), 3.0);
@@ -243,7 +99,7 @@ impl VertebraShape {
 
     fn body(&self, x: &Vector3<f64>) -> f64 {
         let p = &self.parameters;
-        let behind = back_of_body(p) - x.y;
+        let behind = p.back_of_body_mm() - x.y;
         if behind > BODY_REACH_MM {
             return behind;
         }
@@ -255,7 +111,7 @@ impl VertebraShape {
         let depth = p.body_depth_lower_mm + (p.body_depth_upper_mm - p.body_depth_lower_mm) * share;
         // The widest place lies a little behind the middle; the back is flatter than the front.
         let middle = -0.06 * depth;
-        let back = back_of_body(p);
+        let back = p.back_of_body_mm();
         let a = 0.5 * width * (1.0 - 0.13 * hollow);
         let y = x.y - middle;
         let (b, n) = if y > 0.0 {
@@ -279,7 +135,7 @@ impl VertebraShape {
     fn canal(&self, x: &Vector3<f64>) -> f64 {
         let p = &self.parameters;
         let half_depth = 0.5 * p.canal_depth_mm;
-        let center = back_of_body(p) - half_depth - 0.3;
+        let center = p.back_of_body_mm() - half_depth - 0.3;
         let v = (x.y - center) / half_depth;
         // Oval above, triangular below: narrower towards the back.
         let narrowing = 1.0 - self.canal_taper * smooth_step((0.45 - v) / 1.45);
@@ -308,14 +164,14 @@ impl VertebraShape {
             .max(p.sides[1].transverse_reach_mm);
         let lowest =
             lower_joints[0].center.z.min(lower_joints[1].center.z) - 0.5 * p.facet_height_mm;
-        let spinous_low = self.spinous_end.0.z - 0.6 * p.spinous_height_mm;
+        let spinous_low = self.spinous.inside.z - 0.6 * p.spinous_height_mm;
         let tall = p.body_height_anterior_mm.max(p.body_height_posterior_mm);
         let front = 0.5 * p.body_depth_upper_mm.max(p.body_depth_lower_mm);
         let half_width = reach.max(0.5 * p.body_width_lower_mm);
         (
             Point3::new(
                 -half_width - 5.0,
-                back_of_body(p) - p.spinous_reach_mm - 5.0,
+                p.back_of_body_mm() - p.spinous_reach_mm - 5.0,
                 lowest.min(spinous_low).min(-0.5 * tall) - 5.0,
             ),
             Point3::new(
@@ -325,147 +181,4 @@ impl VertebraShape {
             ),
         )
     }
-}
-
-/// Where the two laminae meet: in front of the root of the spinous process.
-fn lamina_root(p: &LevelParameters) -> Vector3<f64> {
-    Vector3::new(
-        0.0,
-        back_of_body(p) - p.canal_depth_mm - 0.5 * p.lamina_thickness_mm - 0.6,
-        -0.5 * p.body_height_posterior_mm + 0.5 * p.lamina_height_mm - 6.5,
-    )
-}
-
-/// The posterior parts of one side.
-fn push_side(
-    struts: &mut Vec<(Strut, f64)>,
-    (p, side, sign): (&LevelParameters, &SideParameters, f64),
-    pedicle: &Pedicle,
-    [upper, lower]: [&FacetJoint; 2],
-) {
-    let up = Vector3::z();
-    let half_facet = 0.5 * p.facet_width_mm;
-    let half_thick = 0.5 * p.lamina_thickness_mm;
-    let root = lamina_root(p);
-
-    // Upper articular process: from behind the pedicle up along the outer side of the joint.
-    let process = upper.center.coords + upper.normal * FACET_TO_PROCESS_MM;
-    let pedicle_z = pedicle.isthmus.z;
-    let upper_base = Vector3::new(process.x, process.y + 0.5, pedicle_z - 2.0);
-    let upper_tip = process + up * (0.5 * p.facet_height_mm - FACET_HALF_THICKNESS_MM);
-    let upper_radii = [FACET_HALF_THICKNESS_MM, half_facet * 0.92];
-    struts.push((
-        Strut::new(
-            [upper_base, upper_tip],
-            upper.normal,
-            [[FACET_HALF_THICKNESS_MM + 0.9, half_facet], upper_radii],
-        ),
-        3.0,
-    ));
-
-    // Lower articular process: down along the inner side of the joint below.
-    let process = lower.center.coords - lower.normal * FACET_TO_PROCESS_MM;
-    let lower_tip = process - up * (0.5 * p.facet_height_mm - FACET_HALF_THICKNESS_MM);
-    let lower_base = Vector3::new(
-        0.5 * (process.x + upper_base.x * 0.75),
-        0.5 * (process.y + root.y) + 0.5,
-        -0.5 * p.body_height_posterior_mm + 2.0,
-    );
-    struts.push((
-        Strut::new(
-            [lower_base, lower_tip],
-            lower.normal,
-            [
-                [half_thick + 0.6, half_facet * 0.9],
-                [FACET_HALF_THICKNESS_MM, half_facet * 0.85],
-            ],
-        ),
-        4.0,
-    ));
-
-    // Pillar between the two (the isthmus of the arch).
-    struts.push((
-        Strut::new(
-            [upper_base, lower_base],
-            Vector3::new(sign * 0.5, 0.6, 0.0),
-            [
-                [half_thick + 1.4, half_facet * 0.85],
-                [half_thick + 0.4, half_facet * 0.85],
-            ],
-        ),
-        4.0,
-    ));
-
-    // Lamina, its upper border leaning to the front.
-    let lamina_start = Vector3::new(
-        upper_base.x * 0.82,
-        upper_base.y - 2.0,
-        0.5 * (pedicle_z + root.z),
-    );
-    let half_height = 0.5 * p.lamina_height_mm;
-    struts.push((
-        Strut::new(
-            [lamina_start, root],
-            Vector3::new(0.0, 0.3, 1.0),
-            [[half_height * 0.8, half_thick], [half_height, half_thick]],
-        ),
-        4.0,
-    ));
-
-    // Transverse process.
-    let (sin, cos) = side.transverse_elevation_rad.sin_cos();
-    let start = Vector3::new(
-        pedicle.isthmus.x + sign * 1.5,
-        pedicle.isthmus.y - 6.5,
-        pedicle_z - 1.5,
-    );
-    let tip_radius = 2.9;
-    let half = p.transverse_half_height_mm;
-    let tip_height = half * 0.86;
-    // The tip is a tilted plate: its upper edge reaches farthest.
-    let edge = tip_radius + (tip_height - tip_radius).max(0.0) * sin.abs();
-    let run = side.transverse_reach_mm - edge - start.x.abs();
-    let end = start + Vector3::new(sign * run, -0.16 * run, run * sin / cos);
-    struts.push((
-        Strut::new(
-            [start, end],
-            up,
-            [[half, half * 0.8], [tip_height, tip_radius]],
-        ),
-        3.5,
-    ));
-}
-
-/// The plate of the spinous process with its thick border, and the landmark's ray.
-fn spinous_process(p: &LevelParameters) -> (Vec<(Strut, f64)>, (Point3<f64>, Vector3<f64>)) {
-    let root = lamina_root(p);
-    let (sin, cos) = p.spinous_slope_rad.sin_cos();
-    let half_thick = 0.5 * p.spinous_thickness_mm;
-    let half_height = 0.5 * p.spinous_height_mm;
-    let border = half_thick + 0.7;
-    let run = (p.spinous_reach_mm - (back_of_body(p) - root.y)) - border;
-    let start = root + Vector3::new(0.0, 1.0, -0.5);
-    let fall = run * sin / cos;
-    let end = root + Vector3::new(p.spinous_deviation_mm, -run, -fall);
-    let down = Vector3::new(0.0, -sin, -cos);
-    let plate = Strut::new(
-        [start, end],
-        down,
-        [
-            [half_height * 0.82, half_thick],
-            [half_height, half_thick * 0.9],
-        ],
-    );
-    // The border runs along the end of the plate and is thickest below.
-    let span = half_height - border;
-    let rim = Strut::new(
-        [end - down * (span * 0.75), end + down * span],
-        Vector3::x(),
-        [[border * 0.85, border * 0.85], [border * 1.1, border]],
-    );
-    let outward = Vector3::new(0.0, -cos, 0.35 * cos).normalize();
-    (
-        vec![(plate, 4.0), (rim, 3.0)],
-        (Point3::from(end - down * (span * 0.6)), outward),
-    )
 }

@@ -1,5 +1,7 @@
 //! Tests of the phantom, the scenarios and the metrics against what is known to be true.
 
+#![allow(clippy::unwrap_used, reason = "a failed helper fails its test")]
+
 mod metrics;
 mod phantom;
 mod real_spines;

@@ -4,7 +4,11 @@ use nalgebra::{Point3, Vector3};
 use pedicle_mesh::TriMesh;
 
 /// The segments in which a plane cuts a mesh, joined to loops of points.
-pub fn loops(mesh: &TriMesh, origin: &Point3<f64>, normal: &Vector3<f64>) -> Vec<Vec<Point3<f64>>> {
+pub(crate) fn loops(
+    mesh: &TriMesh,
+    origin: &Point3<f64>,
+    normal: &Vector3<f64>,
+) -> Vec<Vec<Point3<f64>>> {
     // A vertex exactly in the plane counts as above it.
     let height = |v: u32| (mesh.vertices()[v as usize] - origin).dot(normal);
     let above = |v: u32| height(v) >= 0.0;
@@ -52,7 +56,7 @@ pub fn loops(mesh: &TriMesh, origin: &Point3<f64>, normal: &Vector3<f64>) -> Vec
 }
 
 /// The loop whose centre is nearest to a point.
-pub fn nearest_loop(
+pub(crate) fn nearest_loop(
     mesh: &TriMesh,
     origin: &Point3<f64>,
     normal: &Vector3<f64>,
@@ -70,13 +74,13 @@ pub fn nearest_loop(
 }
 
 /// Extent of points along a direction.
-pub fn extent(points: &[Point3<f64>], direction: &Vector3<f64>) -> f64 {
+pub(crate) fn extent(points: &[Point3<f64>], direction: &Vector3<f64>) -> f64 {
     let along = points.iter().map(|p| p.coords.dot(direction));
     along.clone().fold(f64::NEG_INFINITY, f64::max) - along.fold(f64::INFINITY, f64::min)
 }
 
 /// Area of a plane loop.
-pub fn area(points: &[Point3<f64>]) -> f64 {
+pub(crate) fn area(points: &[Point3<f64>]) -> f64 {
     let center = points[0];
     let mut sum = Vector3::zeros();
     for (a, b) in points.iter().zip(points.iter().cycle().skip(1)) {
