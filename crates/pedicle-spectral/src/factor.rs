@@ -4,7 +4,9 @@
 //! K(μ) = M^(-1/2) W M^(-1/2) - μ I = L B Lᵀ
 //! ```
 //!
-//! B has blocks of one or two rows (Bunch & Kaufman 1977, pivoting inside a supernode).
+//! B is diagonal as long as the elimination without pivoting is stable: the rounding error is that
+//! of a change of K by ε |L| |B| |L|ᵀ (Higham 2002, section 11.1), which is looked at. Otherwise B
+//! has blocks of one or two rows (Bunch & Kaufman 1977, pivoting inside a supernode).
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::sparse::linalg::SupernodalThreshold;
@@ -19,6 +21,9 @@ use faer::{Par, Side};
 use crate::SpectralError;
 use crate::pencil::Pencil;
 use crate::triangular::{PivotedFactor, Pivots, TriangularFactor};
+
+/// Largest entry of |L| |B| |L|ᵀ, relative to the largest diagonal entry of K, without pivoting.
+const LARGEST_GROWTH: f64 = 100.0;
 
 fn failure(shift: f64, reason: impl std::fmt::Display) -> SpectralError {
     SpectralError::Factorization {
@@ -116,22 +121,60 @@ impl Factorizer {
             .ok_or_else(|| failure(shift, "a pivot is zero or not finite"))
     }
 
+    /// Plain L D Lᵀ where that is stable, else with pivoting.
     fn pivoted(&self, shift: f64) -> Result<PivotedFactor, SpectralError> {
         let n = self.symbolic.nrows();
         let mut shifted = self.values.clone();
+        let mut size = 0.0_f64;
         for &end in &self.starts[1..] {
             shifted[end - 1] -= shift;
+            size = size.max(shifted[end - 1].abs());
         }
         let matrix = SparseColMatRef::new(
             SymbolicSparseColMatRef::new_checked(n, n, &self.starts, None, &self.rows),
             &shifted,
         );
-        let mut factor = PivotedFactor {
-            values: vec![0.0; self.symbolic.len_val()],
-            subdiagonal: vec![0.0; n],
-            forward: vec![0; n],
-            inverse: vec![0; n],
-        };
+        let mut factor = PivotedFactor::unpivoted(n, self.symbolic.len_val());
+        if self.factorize_unpivoted(matrix, &mut factor, shift)? {
+            let growth = factor.growth(self.supernodes(shift)?);
+            if growth <= LARGEST_GROWTH * size {
+                return Ok(factor);
+            }
+        }
+        self.factorize_pivoted(matrix, &mut factor, shift)?;
+        Ok(factor)
+    }
+
+    /// Returns whether the elimination came to its end.
+    fn factorize_unpivoted(
+        &self,
+        matrix: SparseColMatRef<'_, usize, f64>,
+        factor: &mut PivotedFactor,
+        shift: f64,
+    ) -> Result<bool, SpectralError> {
+        let scratch = self
+            .symbolic
+            .factorize_numeric_ldlt_scratch::<f64>(Par::Seq, Default::default());
+        let mut memory =
+            MemBuffer::try_new(scratch).map_err(|_| failure(shift, "out of memory"))?;
+        let result = self.symbolic.factorize_numeric_ldlt(
+            &mut factor.values,
+            matrix,
+            Side::Upper,
+            Default::default(),
+            Par::Seq,
+            MemStack::new(&mut memory),
+            Default::default(),
+        );
+        Ok(result.is_ok())
+    }
+
+    fn factorize_pivoted(
+        &self,
+        matrix: SparseColMatRef<'_, usize, f64>,
+        factor: &mut PivotedFactor,
+        shift: f64,
+    ) -> Result<(), SpectralError> {
         let scratch = self
             .symbolic
             .factorize_numeric_intranode_lblt_scratch::<f64>(Par::Seq, Default::default());
@@ -148,6 +191,6 @@ impl Factorizer {
             MemStack::new(&mut memory),
             Default::default(),
         );
-        Ok(factor)
+        Ok(())
     }
 }

@@ -30,7 +30,7 @@ use crate::triangular::TriangularFactor;
 use crate::{EigenOptions, SpectralError};
 
 /// Columns per wanted pair before convergence is looked at for the first time.
-const FIRST_CHECK: f64 = 1.6;
+const FIRST_CHECK: f64 = 2.0;
 
 /// The wanted eigenvectors, in no particular order.
 pub(crate) struct RitzVectors {
@@ -131,7 +131,7 @@ pub(crate) fn smallest_eigenvectors(
                 lanczos.restart(&ritz, &kept_on_restart(&ritz, &status.below, b));
             }
         }
-        next_check = lanczos.m + 2 * b;
+        next_check = lanczos.m + b * status.blocks_to_go(problem);
     }
 }
 
@@ -189,6 +189,18 @@ impl Status {
     }
 }
 
+impl Status {
+    /// How many blocks to add before looking again; looking costs as much as a few blocks.
+    fn blocks_to_go(&self, problem: &LanczosProblem<'_>) -> usize {
+        if self.below.len() < problem.n_below {
+            return 3;
+        }
+        // Near the end every block wins about one digit of the worst residual.
+        let digits = (self.worst_residual / problem.options.tolerance).log10();
+        digits.ceil().clamp(1.0, 6.0) as usize
+    }
+}
+
 /// All pairs below μ and as many of the next ones above it as two blocks hold.
 fn kept_on_restart(ritz: &Ritz, below: &[usize], block_size: usize) -> Vec<usize> {
     let mut kept = below.to_vec();
@@ -239,11 +251,16 @@ impl<'a> Lanczos<'a> {
     }
 
     /// Replaces the next block by random columns orthogonal to the basis.
+    ///
+    /// They are multiplied by A first: rough columns would leave their rounding errors behind in
+    /// the eigenvectors, where the stiffest rows of W make large residuals of them.
     fn renew_next_block(&mut self) {
         let b = self.problem.options.block_size;
         let (done, rest) = self.basis.as_mut().split_at_col_mut(self.m);
         let mut block = rest.subcols_mut(0, b);
         fill_gaussian(block.as_mut(), &mut self.rng);
+        self.factor.solve_in_place(block.as_mut());
+        self.n_solves += b;
         orthonormalize(done.as_ref(), 0, block, &mut self.rng);
     }
 

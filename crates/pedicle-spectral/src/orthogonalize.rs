@@ -22,6 +22,10 @@ const LOSS_THAT_ASKS_FOR_ANOTHER_PASS: f64 = 0.5;
 const VANISHED: f64 = 1e-14;
 /// Smallest pivot of UᵀU, relative to its diagonal, at which the Cholesky factor is used.
 const SMALLEST_PIVOT: f64 = 1e-10;
+/// How much of a basis is worked on at a time: 2 MB.
+const NUMBERS_IN_CACHE: usize = 1 << 18;
+/// Fewest columns that make a good matrix product.
+const LEAST_COLUMNS: usize = 16;
 /// Number of passes; two are enough unless a random column happens to need more.
 const MAX_PASSES: usize = 6;
 
@@ -65,23 +69,7 @@ pub(crate) fn orthonormalize(
     let mut start = first_pass_start;
     for pass in 0..MAX_PASSES {
         let late = basis.subcols(start, m - start);
-        let mut coefficients = Mat::<f64>::zeros(m - start, b);
-        matmul(
-            &mut coefficients,
-            Accum::Replace,
-            late.transpose(),
-            block.as_ref(),
-            1.0,
-            Par::Seq,
-        );
-        matmul(
-            block.as_mut(),
-            Accum::Add,
-            late,
-            &coefficients,
-            -1.0,
-            Par::Seq,
-        );
+        let coefficients = project_off(late, block.as_mut());
         let (triangle, kept) = match cholesky_orthonormalize(block.as_mut()) {
             Some(done) => done,
             None => orthonormalize_columns(block.as_mut(), vanished, rng),
@@ -103,6 +91,35 @@ pub(crate) fn orthonormalize(
         }
     }
     Projection { along, inner }
+}
+
+/// U ← U - V C with C = VᵀU, a few columns of V at a time so that they are read but once.
+fn project_off(basis: MatRef<'_, f64>, mut block: MatMut<'_, f64>) -> Mat<f64> {
+    let m = basis.ncols();
+    let step = (NUMBERS_IN_CACHE / basis.nrows().max(1)).max(LEAST_COLUMNS);
+    let mut coefficients = Mat::<f64>::zeros(m, block.ncols());
+    for start in (0..m).step_by(step) {
+        let count = step.min(m - start);
+        let some = basis.subcols(start, count);
+        let mut part = coefficients.as_mut().subrows_mut(start, count);
+        matmul(
+            part.as_mut(),
+            Accum::Replace,
+            some.transpose(),
+            block.as_ref(),
+            1.0,
+            Par::Seq,
+        );
+        matmul(
+            block.as_mut(),
+            Accum::Add,
+            some,
+            part.as_ref(),
+            -1.0,
+            Par::Seq,
+        );
+    }
+    coefficients
 }
 
 fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {

@@ -26,6 +26,44 @@ pub(crate) struct PivotedFactor {
     pub(crate) inverse: Vec<usize>,
 }
 
+impl PivotedFactor {
+    /// Room for a factorisation of n rows in their own order.
+    pub(crate) fn unpivoted(n: usize, n_values: usize) -> Self {
+        Self {
+            values: vec![0.0; n_values],
+            subdiagonal: vec![0.0; n],
+            forward: (0..n).collect(),
+            inverse: (0..n).collect(),
+        }
+    }
+
+    /// Largest diagonal entry of |L| |B| |L|ᵀ, for B diagonal.
+    pub(crate) fn growth(&self, symbolic: &SymbolicSupernodalCholesky<usize>) -> f64 {
+        let mut sizes = vec![0.0; self.forward.len()];
+        for s in 0..symbolic.n_supernodes() {
+            let begin = symbolic.supernode_begin()[s];
+            let (columns, pattern) = supernode(symbolic, &self.values, s);
+            for j in 0..columns.ncols() {
+                let column = as_slice(columns, j);
+                let pivot = column[j].abs();
+                sizes[begin + j] += pivot;
+                let (top, bottom) = column.split_at(columns.ncols());
+                for (i, l) in top.iter().enumerate().skip(j + 1) {
+                    sizes[begin + i] += l * l * pivot;
+                }
+                for (&i, l) in pattern.iter().zip(bottom) {
+                    sizes[i] += l * l * pivot;
+                }
+            }
+        }
+        // Not `max`, which would lose NaN.
+        sizes.into_iter().fold(
+            0.0,
+            |largest, size| if size <= largest { largest } else { size },
+        )
+    }
+}
+
 /// B⁻¹ and its inertia.
 pub(crate) struct Pivots {
     /// Diagonal of B⁻¹.
