@@ -129,20 +129,39 @@ pub fn landmarks_from_shape(path: &Path, vertebrae: &[SourceVertebra]) -> Result
     let landmarks = pairs
         .iter()
         .zip(&frames)
-        .map(|(&(level, mesh), frame)| Landmark {
-            level,
-            position_mm: spinous_process_tip(mesh, frame),
+        .map(|(&(level, mesh), frame)| {
+            let position_mm = spinous_process_tip(mesh, frame).map_err(|error| Error::Anatomy {
+                path: path.to_owned(),
+                error,
+            })?;
+            Ok(Landmark { level, position_mm })
         })
-        .collect();
+        .collect::<Result<_, Error>>()?;
     Ok(Landmarks { landmarks })
 }
 
+/// Thinnest instrument of an automatic plan, in half millimetres: a guide wire of 2 mm.
+const THINNEST_HALF_MM: u8 = 4;
+/// Thickest screw of an automatic plan, in half millimetres.
+const THICKEST_HALF_MM: u8 = 15;
+
 /// A plan through the middle of every pedicle.
+///
+/// The diameter is the largest of 2.0 to 7.5 mm that leaves 1.5 mm of clearance and fills at
+/// most 80 % of the isthmus. Pedicles too narrow for the thinnest lumbar screw (4 mm) get the
+/// pilot drill or guide wire that would go first: 2 to 3.5 mm.
 ///
 /// # Errors
 /// [`Error::Planner`] if a pedicle cannot be found or is too narrow.
 pub fn plan_from_shape(path: &Path, vertebrae: &[SourceVertebra]) -> Result<Plan, Error> {
-    plan_spine(&pairs(vertebrae), &PlannerOptions::default()).map_err(|error| Error::Planner {
+    let diameters_mm = (THINNEST_HALF_MM..=THICKEST_HALF_MM)
+        .map(|h| 0.5 * f64::from(h))
+        .collect();
+    let options = PlannerOptions {
+        diameters_mm,
+        ..PlannerOptions::default()
+    };
+    plan_spine(&pairs(vertebrae), &options).map_err(|error| Error::Planner {
         path: path.to_owned(),
         error,
     })

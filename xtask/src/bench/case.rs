@@ -3,9 +3,8 @@
 
 use std::path::{Path, PathBuf};
 
-use nalgebra::Point3;
-use pedicle_mesh::{SimplifyOptions, SurfaceIndex, TriMesh, concatenate, simplify};
-use pedicle_simulation::{CaseVertebra, SpineCase};
+use pedicle_mesh::{SurfaceIndex, TriMesh};
+use pedicle_simulation::SpineCase;
 use pedicle_spine::{SourceVertebra, SpineModel, TransferOptions};
 use pedicle_trajectory::{
     AnatomicalFrame, Landmarks, Level, Pedicle, PedicleOptions, Plan, Side, anatomical_frames,
@@ -34,7 +33,6 @@ pub(super) struct TrueVertebra {
     pub(super) frame: AnatomicalFrame,
     /// Left, right.
     pub(super) pedicles: [Pedicle; 2],
-    pub(super) centroid: Point3<f64>,
 }
 
 /// Reads a spine; plans and landmarks come from `plan.ron` and `landmarks.ron` beside it, or from
@@ -51,7 +49,11 @@ pub(super) fn load(path: &Path, plan_file: Option<&Path>) -> Result<Case, XtaskE
         Some(file) => read_landmarks(file)?,
         None => pedicle::landmarks_from_shape(path, &vertebrae)?,
     };
-    let spine = spine_case(&name, &vertebrae, &landmarks)?;
+    let surfaces = vertebrae
+        .iter()
+        .map(|v| (v.level, v.surface.clone()))
+        .collect();
+    let spine = SpineCase::from_surfaces(surfaces, &landmarks, N_FACES)?;
     let truth = true_vertebrae(&name, &vertebrae)?;
     Ok(Case {
         name,
@@ -69,42 +71,6 @@ fn name_of(path: &Path) -> String {
         .unwrap_or_default()
         .to_string_lossy()
         .into_owned()
-}
-
-/// The simplified vertebrae that targets are made from.
-fn spine_case(
-    name: &str,
-    vertebrae: &[SourceVertebra],
-    landmarks: &Landmarks,
-) -> Result<SpineCase, XtaskError> {
-    let failed = |error| XtaskError::Mesh {
-        spine: name.to_owned(),
-        error,
-    };
-    let surfaces: Vec<&TriMesh> = vertebrae.iter().map(|v| &v.surface).collect();
-    let whole = concatenate(&surfaces).map_err(failed)?;
-    let simple = simplify(&whole, N_FACES, &SimplifyOptions::default()).map_err(failed)?;
-    let mut parts = Vec::with_capacity(vertebrae.len());
-    let mut start = 0u32;
-    for vertebra in vertebrae {
-        let end = start + vertebra.surface.n_vertices() as u32;
-        let own: Vec<u32> = (0..simple.mesh.n_faces() as u32)
-            .filter(|&f| {
-                let corner = simple.mesh.faces()[f as usize][0];
-                (start..end).contains(&simple.source_vertex[corner as usize])
-            })
-            .collect();
-        let mesh = simple.mesh.submesh_of_faces(&own).map_err(failed)?.mesh;
-        parts.push(CaseVertebra {
-            level: vertebra.level,
-            mesh,
-        });
-        start = end;
-    }
-    Ok(SpineCase {
-        vertebrae: parts,
-        landmarks: landmarks.clone(),
-    })
 }
 
 fn true_vertebrae(
@@ -140,7 +106,6 @@ fn true_vertebrae(
             Ok(TrueVertebra {
                 pedicles,
                 frame,
-                centroid: vertebra.surface.centroid(),
                 surface,
             })
         })

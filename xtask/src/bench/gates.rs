@@ -152,13 +152,13 @@ fn rounded_up(value: f64, limit: f64) -> f64 {
 fn requirement(cell: &Cell) -> Gate {
     let clean = CLEAN_LIMIT[usize::from(cell.deformation == "partial")];
     let (mm, degrees) = if cell.noise_mm > 0.0 {
-        published::mean(cell.deformation, cell.noise_mm).unwrap_or((clean, clean))
+        published::mean(&cell.deformation, cell.noise_mm).unwrap_or((clean, clean))
     } else {
         (clean, clean)
     };
     Gate {
         spine: ANY_SPINE.to_owned(),
-        deformation: cell.deformation.to_owned(),
+        deformation: cell.deformation.clone(),
         noise_mm: cell.noise_mm,
         max_translation_rmse_mm: mm,
         max_rotation_rmse_deg: degrees,
@@ -186,7 +186,7 @@ mod tests {
             })
             .to_vec();
         Cell {
-            deformation: "rigid",
+            deformation: "rigid".to_owned(),
             noise_mm: 0.5,
             vertebrae,
             trajectories: 100,

@@ -86,7 +86,7 @@ impl Arguments {
         let preparation = started.elapsed();
 
         let scenarios = match self.suite {
-            Suite::Paper => paper_scenarios(self.seed, self.draws as usize),
+            Suite::Paper => paper_scenarios(self.seed, self.draws),
         };
         let mut builder = rayon::ThreadPoolBuilder::new();
         if let Some(threads) = self.threads {

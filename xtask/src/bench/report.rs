@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use comfy_table::presets::{ASCII_MARKDOWN, UTF8_FULL_CONDENSED};
-use comfy_table::{CellAlignment, Table};
+use comfy_table::{CellAlignment, Table, TableStyle};
 use pedicle_spine::Stage;
 use pedicle_trajectory::Level;
 
@@ -72,11 +72,11 @@ impl Summary<'_> {
         )
     }
 
-    fn errors(&self, preset: &str) -> Table {
+    fn errors(&self, style: TableStyle) -> Table {
         let mut header = vec!["target".to_owned(), "noise".to_owned(), "".to_owned()];
         header.extend(Level::ALL.iter().map(ToString::to_string));
         header.push("mean".to_owned());
-        let mut table = new_table(preset, header);
+        let mut table = new_table(style, header);
         for cell in self.cells {
             let mut ours = row_start(cell, "ours");
             let mut paper = row_start(cell, "published");
@@ -84,12 +84,12 @@ impl Summary<'_> {
             for v in &cell.vertebrae {
                 ours.push(pair(v.translation_rmse_mm, v.rotation_rmse_deg));
                 bound.push(pair(v.translation_bound_mm, v.rotation_bound_deg));
-                let figure = published::figure(cell.deformation, cell.noise_mm, v.level.index());
+                let figure = published::figure(&cell.deformation, cell.noise_mm, v.level.index());
                 paper.push(figure.map_or_else(|| "-".to_owned(), |(mm, deg)| pair(mm, deg)));
             }
             let (mm, degrees) = cell.mean_rmse();
             ours.push(pair(mm, degrees));
-            let mean = published::mean(cell.deformation, cell.noise_mm);
+            let mean = published::mean(&cell.deformation, cell.noise_mm);
             paper.push(mean.map_or_else(|| "-".to_owned(), |(mm, deg)| pair(mm, deg)));
             let n = cell.vertebrae.len() as f64;
             let mean_mm = cell
@@ -112,7 +112,7 @@ impl Summary<'_> {
         table
     }
 
-    fn validity(&self, preset: &str) -> Table {
+    fn validity(&self, style: TableStyle) -> Table {
         let header = [
             "target",
             "noise",
@@ -123,12 +123,12 @@ impl Summary<'_> {
             "vertebrae accepted",
             "false accepts",
         ];
-        let mut table = new_table(preset, header.map(String::from).to_vec());
+        let mut table = new_table(style, header.map(String::from).to_vec());
         let mut sums = [0usize; 6];
         for cell in self.cells {
             let n_vertebrae = cell.vertebrae.len() * self.draws as usize;
             table.add_row([
-                cell.deformation.to_owned(),
+                cell.deformation.clone(),
                 format!("{}", cell.noise_mm),
                 cell.trajectories.to_string(),
                 share(cell.valid_by_margin, cell.trajectories),
@@ -198,15 +198,15 @@ impl Summary<'_> {
 
 fn row_start(cell: &Cell, which: &str) -> Vec<String> {
     vec![
-        cell.deformation.to_owned(),
+        cell.deformation.clone(),
         format!("{}", cell.noise_mm),
         which.to_owned(),
     ]
 }
 
-fn new_table(preset: &str, header: Vec<String>) -> Table {
+fn new_table(style: TableStyle, header: Vec<String>) -> Table {
     let mut table = Table::new();
-    table.load_preset(preset).set_header(header);
+    table.load_style(style).set_header(header);
     for column in table.column_iter_mut().skip(1) {
         column.set_cell_alignment(CellAlignment::Right);
     }

@@ -3,8 +3,7 @@
 use std::time::{Duration, Instant};
 
 use nalgebra::Isometry3;
-use pedicle_registration::pose_error;
-use pedicle_simulation::{Deformation, Scenario, SimulatedTarget, simulate};
+use pedicle_simulation::{Scenario, SimulatedTarget, simulate};
 use pedicle_spine::{SpineModel, Stage, Target, Transfer, TransferOptions, transfer_with_progress};
 use pedicle_trajectory::{CheckOptions, Level, SafetyMargins, check_trajectory};
 use serde::Serialize;
@@ -80,19 +79,8 @@ pub(super) fn run(
 pub(super) fn name(scenario: &Scenario) -> String {
     format!(
         "{}, noise {} mm, draw {}",
-        deformation_name(scenario.deformation),
-        scenario.noise_mm,
-        scenario.draw
+        scenario.deformation, scenario.noise_mm, scenario.draw
     )
-}
-
-/// The name used in tables and files.
-pub(super) fn deformation_name(deformation: Deformation) -> &'static str {
-    match deformation {
-        Deformation::Rigid => "rigid",
-        Deformation::NonRigid => "non-rigid",
-        Deformation::Partial => "partial",
-    }
 }
 
 fn judge(
@@ -105,11 +93,11 @@ fn judge(
     let truth = &simulated.truth[level.index()];
     let anatomy = &case.truth[level.index()];
     let found = &transfer.vertebrae[level.index()];
-    let error = pose_error(
-        &found.target_from_source,
-        &truth.target_from_source,
-        &anatomy.centroid,
-    );
+    let failed = |error: pedicle_registration::RegistrationError| XtaskError::Check {
+        scenario: name(scenario),
+        error: error.to_string(),
+    };
+    let error = truth.error_of(&found.target_from_source);
     let within = SafetyMargins::default().is_within(error.translation_mm, error.rotation_rad);
 
     // Brought back by the true motion, the screw is judged in the bone it was planned in.
@@ -145,12 +133,18 @@ fn judge(
         }
     }
     let valid = within && n_valid_by_geometry == n_trajectories;
-    let bound = simulated.bound(level, &anatomy.centroid)?;
+    // Without noise the bound is zero.
+    let bound = if scenario.noise_mm > 0.0 {
+        let bound = truth.cramer_rao_bound(scenario.noise_mm).map_err(failed)?;
+        (bound.translation_mm, bound.rotation_rad)
+    } else {
+        (0.0, 0.0)
+    };
     let reasons: Vec<String> = found.reasons.iter().map(ToString::to_string).collect();
     Ok(VertebraScore {
         translation_mm: error.translation_mm,
         rotation_rad: error.rotation_rad,
-        bound_squared: (bound.translation_mm.powi(2), bound.rotation_rad.powi(2)),
+        bound_squared: (bound.0.powi(2), bound.1.powi(2)),
         n_trajectories,
         n_valid_by_margin: if within { n_trajectories } else { 0 },
         n_valid_by_geometry,
@@ -170,7 +164,7 @@ fn judge(
 /// One cell of the table: a deformation and a noise level, over all draws.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct Cell {
-    pub(super) deformation: &'static str,
+    pub(super) deformation: String,
     pub(super) noise_mm: f64,
     pub(super) vertebrae: Vec<CellVertebra>,
     pub(super) trajectories: usize,
@@ -230,7 +224,7 @@ fn cell(scenario: &Scenario, members: &[&ScenarioScore]) -> Cell {
         })
         .collect();
     Cell {
-        deformation: deformation_name(scenario.deformation),
+        deformation: scenario.deformation.to_string(),
         noise_mm: scenario.noise_mm,
         vertebrae,
         trajectories: count(&|v| v.n_trajectories),

@@ -8,14 +8,17 @@ use comfy_table::presets::UTF8_FULL_CONDENSED;
 use comfy_table::{CellAlignment, Table};
 use pedicle_mesh::{WriteOptions, write_mesh};
 use pedicle_simulation::{
-    CaseVertebra, Deformation, MeshingOptions, PhantomParameters, Scenario, SimulatedTarget,
-    SpineCase, generate_phantom, simulate,
+    Deformation, MeshingOptions, PhantomParameters, Scenario, SimulatedTarget, SpineCase,
+    generate_phantom, simulate,
 };
 use pedicle_spine::{SourceVertebra, SpineModel, Target, Transfer, TransferOptions, transfer};
 use pedicle_trajectory::{SafetyMargins, write_landmarks, write_plan};
 
 use super::{exit_code, say, table::transfer_tables};
 use crate::{Error, TransferFile, write_json};
+
+/// Faces of the simulated target, as published.
+const N_TARGET_FACES: usize = 3500;
 
 /// Transfer the plan of a phantom spine to a simulated target and show the errors.
 #[derive(Debug, Args)]
@@ -59,17 +62,12 @@ impl Arguments {
                 surface: v.mesh.clone(),
             })
             .collect();
-        let case = SpineCase {
-            vertebrae: phantom
-                .vertebrae
-                .iter()
-                .map(|v| CaseVertebra {
-                    level: v.level,
-                    mesh: v.mesh.clone(),
-                })
-                .collect(),
-            landmarks: phantom.landmarks(),
-        };
+        let surfaces = source
+            .iter()
+            .map(|v| (v.level, v.surface.clone()))
+            .collect();
+        let landmarks = phantom.landmarks();
+        let case = SpineCase::from_surfaces(surfaces, &landmarks, N_TARGET_FACES)?;
         let scenario = Scenario {
             deformation: match self.deformation {
                 DemoDeformation::Rigid => Deformation::Rigid,
@@ -104,7 +102,7 @@ impl Arguments {
                 &WriteOptions::default(),
             )?;
             write_plan(folder.join("plan.ron"), &plan)?;
-            write_landmarks(folder.join("source-landmarks.ron"), &case.landmarks)?;
+            write_landmarks(folder.join("source-landmarks.ron"), &landmarks)?;
             write_landmarks(folder.join("target-landmarks.ron"), &target.landmarks)?;
         }
 
@@ -116,7 +114,7 @@ impl Arguments {
             context: "the phantom".to_owned(),
             error: Box::new(error),
         };
-        let model = SpineModel::new(source, &case.landmarks, &options.map).map_err(refused)?;
+        let model = SpineModel::new(source, &landmarks, &options.map).map_err(refused)?;
         let result = transfer(&model, &plan, &target, &options).map_err(refused)?;
         if let Some(path) = &self.json {
             write_json(path, &TransferFile::from(&result))?;
@@ -136,7 +134,7 @@ impl Arguments {
 
 fn truth_table(model: &SpineModel, simulated: &SimulatedTarget, result: &Transfer) -> String {
     let mut table = Table::new();
-    table.load_preset(UTF8_FULL_CONDENSED).set_header([
+    table.load_style(UTF8_FULL_CONDENSED).set_header([
         "level",
         "error mm",
         "error °",
