@@ -69,6 +69,17 @@ pub enum SimulationError {
         /// Distance searched, mm.
         reach_mm: f64,
     },
+    /// There is no surface behind the end of the spinous process.
+    #[error(
+        "the spinous process of {level} has no surface within {reach_mm} mm behind its end: the \
+         dimensions do not fit together"
+    )]
+    LandmarkMissesSurface {
+        /// The level.
+        level: Level,
+        /// Distance searched, mm.
+        reach_mm: f64,
+    },
     /// A simulated case needs at least two vertebrae to have an axis.
     #[error("the spine case has {n_vertebrae} vertebrae, but at least {min} are needed")]
     TooFewVertebrae {

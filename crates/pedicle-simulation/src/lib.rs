@@ -43,6 +43,7 @@ pub mod morphometry;
 mod parameters;
 mod pedicle;
 mod phantom;
+mod placing;
 mod scenario;
 mod sdf;
 mod simulate;

@@ -1,14 +1,8 @@
 //! From the implicit solid to a closed triangle surface.
 //!
-//! Surface nets over a regular grid give the connectivity. The vertices are then moved onto the
-//! exact surface by Newton steps along the gradient in f64,
-//!
-//! ```text
-//! p ← p - f(p) ∇f / |∇f|²,
-//! ```
-//!
-//! alternating with a few smoothing steps within the surface for better triangles. Should a grid
-//! not give one closed manifold, the next one is a little finer.
+//! Surface nets over a regular grid give the connectivity, then the vertices are placed on the
+//! exact surface ([`crate::placing`]). Should a grid not give one closed manifold that looks
+//! outwards, the next one is a little finer.
 
 use fast_surface_nets::ndshape::{RuntimeShape, Shape};
 use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
@@ -21,19 +15,13 @@ use pedicle_trajectory::Level;
 
 use crate::SimulationError;
 use crate::grid::Grid;
+use crate::placing::Placing;
 use crate::spine::SpineShape;
 
 /// Each further grid is finer by this factor.
 const REFINEMENT: f64 = 0.965;
 /// Grids tried before giving up.
 const MAX_GRIDS: usize = 8;
-/// Smoothing steps within the surface.
-const N_SMOOTHING: usize = 4;
-/// Newton steps after the last smoothing, at most.
-const N_NEWTON: usize = 12;
-/// A vertex is on the surface if the field is smaller than this, mm.
-const SURFACE_TOLERANCE_MM: f64 = 1e-10;
-
 /// How finely the phantom is meshed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeshingOptions {
@@ -77,8 +65,7 @@ pub(crate) fn mesh_vertebra(
             cell_mm *= REFINEMENT;
             continue;
         }
-        place_on_surface(spine, level, (&mut points, &faces), cell_mm);
-        last.n_inverted = count_inverted(spine, level, &points, &faces);
+        last.n_inverted = Placing::new(spine, level, cell_mm).place(&mut points, &faces);
         if last == Flaws::NONE {
             let pose = &spine.poses[level.index()];
             let vertices = points.iter().map(|p| pose * p).collect();
@@ -156,52 +143,6 @@ fn signed_volume(points: &[Point3<f64>], faces: &[[u32; 3]]) -> f64 {
         .sum()
 }
 
-fn place_on_surface(
-    spine: &SpineShape,
-    level: Level,
-    (points, faces): (&mut [Point3<f64>], &[[u32; 3]]),
-    cell_mm: f64,
-) {
-    // One Newton step; the unit normal it went along.
-    let step = |p: &mut Point3<f64>| -> Option<Vector3<f64>> {
-        let f = spine.distance(level, p);
-        let gradient = spine.gradient(level, p, f);
-        let norm = gradient.norm();
-        if f.abs() < SURFACE_TOLERANCE_MM || norm < 1e-3 {
-            return None;
-        }
-        let normal = gradient / norm;
-        *p -= normal * (f / norm).clamp(-0.5 * cell_mm, 0.5 * cell_mm);
-        Some(normal)
-    };
-    let mut sums = vec![(Vector3::zeros(), 0.0); points.len()];
-    for _ in 0..N_SMOOTHING {
-        let normals: Vec<_> = points.iter_mut().map(step).collect();
-        sums.fill((Vector3::zeros(), 0.0));
-        for face in faces {
-            for corner in 0..3 {
-                let slot = &mut sums[face[corner] as usize];
-                slot.0 += points[face[(corner + 1) % 3] as usize].coords;
-                slot.0 += points[face[(corner + 2) % 3] as usize].coords;
-                slot.1 += 2.0;
-            }
-        }
-        for ((p, normal), (sum, count)) in points.iter_mut().zip(&normals).zip(&sums) {
-            if let Some(normal) = normal {
-                let pull = sum / *count - p.coords;
-                *p += (pull - normal * pull.dot(normal)) * 0.5;
-            }
-        }
-    }
-    for p in points.iter_mut() {
-        for _ in 0..N_NEWTON {
-            if step(p).is_none() {
-                break;
-            }
-        }
-    }
-}
-
 /// What keeps a surface from being one closed manifold that looks outwards.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 struct Flaws {
@@ -233,23 +174,4 @@ fn connectivity_flaws(net: &TriMesh) -> Flaws {
         n_inverted: 0,
         n_components: connected_components(net).n_components,
     }
-}
-
-/// Faces that look against the mean normal of their corners.
-fn count_inverted(
-    spine: &SpineShape,
-    level: Level,
-    points: &[Point3<f64>],
-    faces: &[[u32; 3]],
-) -> usize {
-    let normals: Vec<_> = points
-        .iter()
-        .map(|p| spine.gradient(level, p, spine.distance(level, p)))
-        .collect();
-    let inverted = |face: &[u32; 3]| {
-        let [a, b, c] = face.map(|v| points[v as usize]);
-        let outward: Vector3<f64> = face.iter().map(|&v| normals[v as usize]).sum();
-        (b - a).cross(&(c - a)).dot(&outward) <= 0.0
-    };
-    faces.iter().filter(|face| inverted(face)).count()
 }

@@ -97,7 +97,10 @@ pub fn generate_phantom(
             let (inside, outward) = (shape.spinous.inside, shape.spinous.outward);
             let along = spine
                 .crossing(level, &inside, &outward, AXIS_REACH_MM)
-                .unwrap_or(0.0);
+                .ok_or(SimulationError::LandmarkMissesSurface {
+                    level,
+                    reach_mm: AXIS_REACH_MM,
+                })?;
             Ok(PhantomVertebra {
                 level,
                 mesh: mesh_vertebra(&spine, level, meshing)?,
