@@ -2,6 +2,8 @@
 
 use faer::{Mat, MatRef};
 
+use crate::orthogonalize::product;
+
 /// Eigenfunctions of the Laplacian, the generalised Fourier basis of a shape.
 ///
 /// Φ is n × k with ΦᵀMΦ = I, M the lumped mass; eigenvalues ascend from 0.
@@ -46,7 +48,7 @@ impl LaplaceBasis {
         let weighted = Mat::from_fn(functions.nrows(), functions.ncols(), |i, j| {
             self.mass[i] * functions[(i, j)]
         });
-        self.eigenfunctions.transpose() * weighted
+        product(self.eigenfunctions.transpose(), weighted.as_ref())
     }
 
     /// Functions Φ a of coefficients given as columns (k × p in, n × p out).
@@ -60,7 +62,7 @@ impl LaplaceBasis {
             self.n_functions(),
             "one row per eigenfunction"
         );
-        &self.eigenfunctions * coefficients
+        product(self.eigenfunctions.as_ref(), coefficients)
     }
 
     /// The basis of the first `n_functions` eigenfunctions.
@@ -80,5 +82,47 @@ impl LaplaceBasis {
             mass: self.mass.clone(),
             null_dimension: self.null_dimension.min(n_functions),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two functions on four vertices of unequal mass.
+    fn basis() -> LaplaceBasis {
+        let mass = vec![1.0, 2.0, 3.0, 4.0];
+        let constant = 1.0 / 10.0_f64.sqrt();
+        let mut eigenfunctions = Mat::from_fn(4, 2, |_, _| constant);
+        for (i, x) in [3.0, 3.0, -3.0, 0.0].into_iter().enumerate() {
+            eigenfunctions[(i, 1)] = x / 54.0_f64.sqrt();
+        }
+        LaplaceBasis {
+            eigenvalues: vec![0.0, 1.0],
+            eigenfunctions,
+            mass,
+            null_dimension: 1,
+        }
+    }
+
+    #[test]
+    fn projection_undoes_reconstruction() {
+        let basis = basis();
+        let coefficients = Mat::from_fn(2, 3, |i, j| (i as f64 - 0.3) * (j as f64 + 1.0));
+        let functions = basis.reconstruct(coefficients.as_ref());
+        let again = basis.project(functions.as_ref());
+        assert!(
+            (&again - &coefficients).norm_l2() < 1e-14,
+            "ΦᵀMΦ is the identity"
+        );
+        assert!((basis.area() - 10.0).abs() < 1e-14, "area");
+    }
+
+    #[test]
+    fn truncation_keeps_the_first_functions() {
+        let shorter = basis().truncated(1);
+        assert_eq!(shorter.n_functions(), 1, "functions");
+        assert_eq!(shorter.eigenfunctions.ncols(), 1, "columns");
+        assert_eq!(shorter.n_vertices(), 4, "vertices");
     }
 }

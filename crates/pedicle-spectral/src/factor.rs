@@ -22,8 +22,11 @@ use crate::SpectralError;
 use crate::pencil::Pencil;
 use crate::triangular::{PivotedFactor, Pivots, TriangularFactor};
 
-/// Largest entry of |L| |B| |L|ᵀ, relative to the largest diagonal entry of K, without pivoting.
-const LARGEST_GROWTH: f64 = 100.0;
+/// Largest entry of |L| |B| |L|ᵀ, relative to the largest diagonal entry of K, with which solves
+/// are made without pivoting.
+const GROWTH_OF_SOLVES: f64 = 1e2;
+/// The same for counts: they only err if an eigenvalue is this close to the shift.
+const GROWTH_OF_COUNTS: f64 = 1e4;
 
 fn failure(shift: f64, reason: impl std::fmt::Display) -> SpectralError {
     SpectralError::Factorization {
@@ -94,13 +97,13 @@ impl Factorizer {
 
     /// Number of eigenvalues below μ.
     pub(crate) fn count_below(&self, shift: f64) -> Result<usize, SpectralError> {
-        let factor = self.pivoted(shift)?;
+        let factor = self.pivoted(shift, GROWTH_OF_COUNTS)?;
         Ok(self.pivots(shift, &factor)?.n_negative)
     }
 
     /// Factorises K(μ) for solves.
     pub(crate) fn factorize(&self, shift: f64) -> Result<TriangularFactor, SpectralError> {
-        let factor = self.pivoted(shift)?;
+        let factor = self.pivoted(shift, GROWTH_OF_SOLVES)?;
         let pivots = self.pivots(shift, &factor)?;
         Ok(TriangularFactor::new(
             self.supernodes(shift)?,
@@ -122,7 +125,7 @@ impl Factorizer {
     }
 
     /// Plain L D Lᵀ where that is stable, else with pivoting.
-    fn pivoted(&self, shift: f64) -> Result<PivotedFactor, SpectralError> {
+    fn pivoted(&self, shift: f64, largest_growth: f64) -> Result<PivotedFactor, SpectralError> {
         let n = self.symbolic.nrows();
         let mut shifted = self.values.clone();
         let mut size = 0.0_f64;
@@ -137,7 +140,7 @@ impl Factorizer {
         let mut factor = PivotedFactor::unpivoted(n, self.symbolic.len_val());
         if self.factorize_unpivoted(matrix, &mut factor, shift)? {
             let growth = factor.growth(self.supernodes(shift)?);
-            if growth <= LARGEST_GROWTH * size {
+            if growth <= largest_growth * size {
                 return Ok(factor);
             }
         }

@@ -30,7 +30,7 @@ use crate::triangular::TriangularFactor;
 use crate::{EigenOptions, SpectralError};
 
 /// Columns per wanted pair before convergence is looked at for the first time.
-const FIRST_CHECK: f64 = 2.0;
+const FIRST_CHECK: f64 = 2.1;
 
 /// The wanted eigenvectors, in no particular order.
 pub(crate) struct RitzVectors {
@@ -96,7 +96,7 @@ pub(crate) fn smallest_eigenvectors(
     let capacity = basis_capacity(n, problem);
     let mut lanczos = Lanczos::start(factor, n, capacity, problem);
     let mut n_restarts = 0;
-    let mut next_check = (FIRST_CHECK * problem.n_wanted as f64) as usize + 4 * b;
+    let mut next_check = (FIRST_CHECK * problem.n_wanted as f64) as usize + 5 * b;
     loop {
         lanczos.expand();
         let is_full = lanczos.m + b > capacity;

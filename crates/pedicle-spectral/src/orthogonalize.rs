@@ -122,7 +122,8 @@ fn project_off(basis: MatRef<'_, f64>, mut block: MatMut<'_, f64>) -> Mat<f64> {
     coefficients
 }
 
-fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {
+/// a · b on one thread.
+pub(crate) fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {
     let mut c = Mat::zeros(a.nrows(), b.ncols());
     matmul(&mut c, Accum::Replace, a, b, 1.0, Par::Seq);
     c

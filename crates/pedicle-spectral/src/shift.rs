@@ -39,10 +39,16 @@ pub(crate) fn find_shift(blocks: &[Block], n_pairs: usize) -> Result<CountedShif
     let mut too_low: Option<(f64, usize)> = None;
     let mut high_enough: Option<CountedShift> = None;
     for n_tried in 1..=MAX_COUNTS {
-        let counts = blocks
-            .iter()
-            .map(|block| block.count_below(shift))
-            .collect::<Result<Vec<_>, _>>()?;
+        let counts = blocks.iter().map(|block| block.count_below(shift));
+        let counts = match counts.collect::<Result<Vec<_>, _>>() {
+            Ok(counts) => counts,
+            // An eigenvalue was hit.
+            Err(SpectralError::Factorization { .. }) if n_tried < MAX_COUNTS => {
+                shift *= 1.0 + 1e-3;
+                continue;
+            }
+            Err(error) => return Err(error),
+        };
         let n_below = counts.iter().sum();
         if n_below < n_pairs {
             too_low = Some((shift, n_below));
