@@ -26,15 +26,19 @@ use crate::{
 };
 
 /// Weights of the terms of the energy; a weight of 0 leaves the term out.
+///
+/// The defaults are measured on a lumbar spine of 3 500 faces with 1 mm of noise; any weight of
+/// the Laplacians from 0.1 to 10 and of the orientation from 0.01 to 0.1 does nearly as well.
+/// Without the orientation single vertebrae come out left-right reversed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EnergyWeights {
     /// Weight of the descriptors, 1; positive.
     pub descriptors: f64,
-    /// Weight of commutativity with the Laplacians, 0.1.
+    /// Weight of commutativity with the Laplacians, 1.
     pub laplacian: f64,
-    /// Weight of commutativity with multiplication by descriptors, 0.1.
+    /// Weight of commutativity with multiplication by descriptors, 0.03.
     pub descriptor_commutativity: f64,
-    /// Weight of the orientation, 0.1. The faces of both meshes must be ordered consistently.
+    /// Weight of the orientation, 0.03. The faces of both meshes must be ordered consistently.
     pub orientation: f64,
     /// Weight of the norm of C, 1e-8: picks the smallest of maps that are equally good.
     pub norm: f64,
@@ -44,9 +48,9 @@ impl Default for EnergyWeights {
     fn default() -> Self {
         Self {
             descriptors: 1.0,
-            laplacian: 0.1,
-            descriptor_commutativity: 0.1,
-            orientation: 0.1,
+            laplacian: 1.0,
+            descriptor_commutativity: 0.03,
+            orientation: 0.03,
             norm: 1e-8,
         }
     }
@@ -107,11 +111,9 @@ impl EnergyTerms {
 /// The energy for one pair of shapes, ready to be evaluated at any C.
 #[derive(Debug, Clone)]
 pub struct Energy {
-    /// Weight times A, and weight times B: only products with A are needed.
     pub(crate) descriptor_weight: f64,
     pub(crate) source_coefficients: Mat<f64>,
     pub(crate) target_coefficients: Mat<f64>,
-    /// w_l D + w_n / k_source, entry by entry.
     laplacian_weight: f64,
     mask: Mat<f64>,
     norm_weight: f64,

@@ -65,15 +65,15 @@ fn a_shuffled_and_moved_copy_is_recovered_exactly() {
 }
 
 #[test]
-fn a_bent_and_noisy_copy_is_recovered_to_a_small_error() {
+fn a_twisted_and_noisy_copy_is_recovered_to_a_small_error() {
     let source = lump(3, 0.0);
     let (target, truth) = shuffled(&source, 4);
-    let bent = deformed(&noisy(&target, 0.5, 8), |p| {
-        let angle = 0.006 * p.x;
+    let twisted = deformed(&noisy(&target, 0.5, 8), |p| {
+        let angle = 0.003 * p.x;
         let (sin, cos) = angle.sin_cos();
         Point3::new(p.x, cos * p.y - sin * p.z, sin * p.y + cos * p.z)
     });
-    let (source, target) = pair(source, bent, 60, &[]);
+    let (source, target) = pair(source, twisted, 60, &[]);
     let first = fit(&source.shape(), &target.shape(), &sizes(25)).unwrap();
     let options = ZoomOutOptions {
         n_source: 60,
