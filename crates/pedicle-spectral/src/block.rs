@@ -56,6 +56,8 @@ pub(crate) struct BlockPairs {
     pub(crate) columns: Mat<f64>,
     /// The column of every pair.
     pub(crate) order: Vec<usize>,
+    /// Number of eigenvalues below the end of the part that were seen.
+    pub(crate) n_found: usize,
     pub(crate) n_solves: usize,
     pub(crate) n_restarts: usize,
 }
@@ -112,21 +114,25 @@ impl Block {
 
     /// The wanted eigenpairs.
     pub(crate) fn solve(&self, part: &Part<'_>) -> Result<BlockPairs, SpectralError> {
-        let n_known = usize::from(self.null_vector.is_some()).min(part.n_wanted);
+        let n_known = usize::from(self.null_vector.is_some()).min(part.n_below);
         let factorizer = match &self.solver {
-            Solver::Dense { vectors, .. } => return Ok(self.dense_part(vectors, part, n_known)),
+            Solver::Dense {
+                eigenvalues,
+                vectors,
+            } => return Ok(self.dense_part(eigenvalues, vectors, part)),
             Solver::Sparse(factorizer) => factorizer,
         };
-        if part.n_wanted == n_known {
-            return Ok(self.finish(
-                MatRef::from_column_major_slice(&[], self.pencil.n(), 0),
-                n_known,
-            ));
+        if part.n_below == n_known {
+            let none = Mat::zeros(self.pencil.n(), 0);
+            return Ok(BlockPairs {
+                n_found: n_known,
+                ..self.finish(none.as_ref(), n_known)
+            });
         }
         // So many eigenvalues can be below the shift when they are nearly all the same.
         if part.n_below + 8 * part.options.block_size >= self.pencil.n() {
-            let (_, vectors) = all_eigenpairs(&self.pencil)?;
-            return Ok(self.dense_part(&vectors, part, n_known));
+            let (eigenvalues, vectors) = all_eigenpairs(&self.pencil)?;
+            return Ok(self.dense_part(&eigenvalues, &vectors, part));
         }
         let accepted = 100.0 * part.options.tolerance * part.end + self.rounding();
         let mut result = self.iterate(factorizer, part, SHIFTS_INSIDE[0]);
@@ -151,18 +157,19 @@ impl Block {
         part: &Part<'_>,
         share: f64,
     ) -> Result<BlockPairs, SpectralError> {
-        let n_known = usize::from(self.null_vector.is_some());
+        let n_known = usize::from(self.null_vector.is_some()).min(part.n_below);
         let problem = LanczosProblem {
             shift: share * part.end,
             end: part.end,
             n_below: part.n_below - n_known,
-            n_wanted: part.n_wanted - n_known,
+            n_wanted: part.n_wanted.saturating_sub(n_known),
             known: self.null_vector.as_deref(),
             options: part.options,
         };
         let mut factor = factorizer.factorize(problem.shift)?;
         let found = smallest_eigenvectors(&mut factor, self.pencil.n(), &problem)?;
         Ok(BlockPairs {
+            n_found: n_known + found.n_below,
             n_solves: found.n_solves,
             n_restarts: found.n_restarts,
             ..self.finish(found.vectors.as_ref(), n_known)
@@ -176,10 +183,14 @@ impl Block {
         64.0 * f64::EPSILON * largest
     }
 
-    fn dense_part(&self, vectors: &Mat<f64>, part: &Part<'_>, n_known: usize) -> BlockPairs {
+    fn dense_part(&self, eigenvalues: &[f64], vectors: &Mat<f64>, part: &Part<'_>) -> BlockPairs {
         // The dense solver has found the known vector as well, as its first.
+        let n_known = usize::from(self.null_vector.is_some()).min(part.n_wanted);
         let others = vectors.subcols(n_known, part.n_wanted - n_known);
-        self.finish(others, n_known)
+        BlockPairs {
+            n_found: eigenvalues.iter().filter(|&&l| l < part.end).count(),
+            ..self.finish(others, n_known)
+        }
     }
 
     /// Pairs of the columns x = M^(-1/2) y and the exact null vector, in ascending order.
@@ -211,6 +222,7 @@ impl Block {
             residuals: order.iter().map(|&j| quality[j].1).collect(),
             order,
             columns,
+            n_found: 0,
             n_solves: 0,
             n_restarts: 0,
         }

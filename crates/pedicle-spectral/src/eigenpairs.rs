@@ -45,7 +45,7 @@ pub struct Certificate {
     pub shift: f64,
     /// Number of eigenvalues below μ, from the signs of the pivots of W - μM.
     pub n_below: usize,
-    /// Number of eigenpairs below μ that were computed; the returned ones are their smallest.
+    /// Number of eigenvalues below μ that the solver has seen; the returned ones are the smallest.
     pub n_found: usize,
     /// Whether the two agree, so that nothing is missing.
     pub complete: bool,
@@ -141,17 +141,25 @@ pub fn smallest_eigenpairs(
         work.n_solves += part.n_solves;
         work.n_restarts += part.n_restarts;
     }
-    let mut pairs = merge(&parts, mass.len(), n_pairs);
-    pairs.certificate = Certificate {
-        shift: end,
-        n_below,
-        n_found: n_below,
-        complete: true,
-    };
-    pairs.work = work;
+    let n_found = parts.iter().map(|part| part.n_found).sum();
+    let order = smallest_of_all(&parts, n_pairs);
     let null_blocks = blocks.iter().filter(|b| b.pencil().annihilates_constants());
-    pairs.null_dimension = null_blocks.count().min(n_pairs);
-    Ok(pairs)
+    Ok(EigenPairs {
+        eigenvalues: order
+            .iter()
+            .map(|&(p, c)| parts[p].eigenvalues[c])
+            .collect(),
+        eigenvectors: assemble(&parts, &order, mass.len()),
+        residuals: order.iter().map(|&(p, c)| parts[p].residuals[c]).collect(),
+        null_dimension: null_blocks.count().min(n_pairs),
+        certificate: Certificate {
+            shift: end,
+            n_below,
+            n_found,
+            complete: n_below == n_found,
+        },
+        work,
+    })
 }
 
 /// The smallest `n_functions` eigenfunctions as a basis.
@@ -173,47 +181,30 @@ pub fn laplace_basis(
     })
 }
 
-/// The smallest pairs of all blocks, extended by zero to all rows.
-fn merge(parts: &[BlockPairs], n: usize, n_pairs: usize) -> EigenPairs {
-    let mut order: Vec<(usize, usize)> = parts
-        .iter()
-        .enumerate()
-        .flat_map(|(part, pairs)| (0..pairs.eigenvalues.len()).map(move |column| (part, column)))
-        .collect();
-    // Equal eigenvalues stay in the order of the blocks.
+/// The smallest pairs of all blocks as (block, pair); equal ones in the order of the blocks.
+fn smallest_of_all(parts: &[BlockPairs], n_pairs: usize) -> Vec<(usize, usize)> {
+    let mut order = Vec::new();
+    for (part, pairs) in parts.iter().enumerate() {
+        order.extend((0..pairs.eigenvalues.len()).map(|pair| (part, pair)));
+    }
     order.sort_by(|a, b| parts[a.0].eigenvalues[a.1].total_cmp(&parts[b.0].eigenvalues[b.1]));
     order.truncate(n_pairs);
-    let mut eigenvectors = Mat::zeros(n, order.len());
-    for (j, &(part, column)) in order.iter().enumerate() {
+    order
+}
+
+/// The chosen vectors, extended by zero to all rows.
+fn assemble(parts: &[BlockPairs], order: &[(usize, usize)], n: usize) -> Mat<f64> {
+    let mut vectors = Mat::zeros(n, order.len());
+    for (j, &(part, pair)) in order.iter().enumerate() {
         let part = &parts[part];
-        let target = as_slice_mut(eigenvectors.as_mut(), j);
-        let source = as_slice(part.columns.as_ref(), part.order[column]);
+        let target = as_slice_mut(vectors.as_mut(), j);
+        let source = as_slice(part.columns.as_ref(), part.order[pair]);
         for (&row, &x) in part.rows.iter().zip(source) {
             target[row] = x;
         }
     }
-    fix_signs(&mut eigenvectors);
-    EigenPairs {
-        eigenvalues: order
-            .iter()
-            .map(|&(p, c)| parts[p].eigenvalues[c])
-            .collect(),
-        residuals: order.iter().map(|&(p, c)| parts[p].residuals[c]).collect(),
-        eigenvectors,
-        null_dimension: 0,
-        certificate: Certificate {
-            shift: f64::INFINITY,
-            n_below: 0,
-            n_found: 0,
-            complete: false,
-        },
-        work: Work {
-            n_components: parts.len(),
-            n_shifts: 0,
-            n_solves: 0,
-            n_restarts: 0,
-        },
-    }
+    fix_signs(&mut vectors);
+    vectors
 }
 
 /// Makes the first entry of nearly the largest magnitude positive in every column.

@@ -36,6 +36,8 @@ const FIRST_CHECK: f64 = 2.1;
 pub(crate) struct RitzVectors {
     /// n × count, of unit length.
     pub(crate) vectors: Mat<f64>,
+    /// Number of Ritz values below μ, wanted or not.
+    pub(crate) n_below: usize,
     /// Number of columns multiplied by K(σ)⁻¹.
     pub(crate) n_solves: usize,
     /// Number of restarts.
@@ -108,6 +110,7 @@ pub(crate) fn smallest_eigenvectors(
         if status.is_complete {
             return Ok(RitzVectors {
                 vectors: lanczos.finish(&ritz, &status.below[..problem.n_wanted]),
+                n_below: status.below.len(),
                 n_solves: lanczos.n_solves,
                 n_restarts,
             });
