@@ -52,10 +52,12 @@ pub(crate) fn scatter(rows: &[Row], order: &[u32], mut columns: MatMut<'_, f64>)
     }
 }
 
-/// a ← a + s b
+/// a + s b, by value: in memory the compiler would have to go entry by entry.
 #[inline(always)]
-pub(crate) fn add_scaled(a: &mut Row, s: f64, b: &Row) {
+pub(crate) fn plus_scaled(a: Row, s: f64, b: Row) -> Row {
+    let mut sum = a;
     for lane in 0..LANES {
-        a[lane] += s * b[lane];
+        sum[lane] += s * b[lane];
     }
+    sum
 }

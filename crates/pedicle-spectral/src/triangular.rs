@@ -12,7 +12,7 @@ use faer::MatMut;
 use faer::MatRef;
 use faer::sparse::linalg::cholesky::supernodal::SymbolicSupernodalCholesky;
 
-use crate::lanes::{LANES, Row, add_scaled, as_slice, gather, scatter};
+use crate::lanes::{LANES, Row, as_slice, gather, plus_scaled, scatter};
 
 /// The numbers that the supernodal factorisation leaves behind.
 pub(crate) struct PivotedFactor {
@@ -230,7 +230,8 @@ impl TriangularFactor {
             let range = self.starts[j]..self.starts[j + 1];
             let xj = x[j];
             for (&i, &l) in self.rows[range.clone()].iter().zip(&self.values[range]) {
-                add_scaled(&mut x[i as usize], -l, &xj);
+                let i = i as usize;
+                x[i] = plus_scaled(x[i], -l, xj);
             }
         }
         for j in 0..n {
@@ -240,21 +241,20 @@ impl TriangularFactor {
                 continue;
             }
             let xj = x[j];
-            x[j] = [0.0; LANES];
-            add_scaled(&mut x[j], self.pivots.inverse_diagonal[j], &xj);
+            let zero = [0.0; LANES];
+            x[j] = plus_scaled(zero, self.pivots.inverse_diagonal[j], xj);
             if beside != 0.0 {
                 let next = x[j + 1];
-                x[j + 1] = [0.0; LANES];
-                add_scaled(&mut x[j], beside, &next);
-                add_scaled(&mut x[j + 1], beside, &xj);
-                add_scaled(&mut x[j + 1], self.pivots.inverse_diagonal[j + 1], &next);
+                x[j] = plus_scaled(x[j], beside, next);
+                let own = plus_scaled(zero, self.pivots.inverse_diagonal[j + 1], next);
+                x[j + 1] = plus_scaled(own, beside, xj);
             }
         }
         for j in (0..n).rev() {
             let range = self.starts[j]..self.starts[j + 1];
             let mut xj = x[j];
             for (&i, &l) in self.rows[range.clone()].iter().zip(&self.values[range]) {
-                add_scaled(&mut xj, -l, &x[i as usize]);
+                xj = plus_scaled(xj, -l, x[i as usize]);
             }
             x[j] = xj;
         }
