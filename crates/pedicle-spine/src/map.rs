@@ -130,6 +130,8 @@ fn descriptors(
 ) -> Result<(Mat<f64>, Mat<f64>), SpineError> {
     // One range for both shapes, or the columns mean different things on each.
     let energies = WaveEnergies::joint(&source.basis, &target.basis, options.map.n_wave)?;
+    let landmark_energies =
+        WaveEnergies::joint(&source.basis, &target.basis, options.map.n_landmark_wave)?;
     let times = HeatTimes::joint(&source.basis, &target.basis, options.map.n_heat)?;
     let of = |shape: &MapShape, landmarks: &[Point3<f64>]| -> Result<Mat<f64>, SpineError> {
         let basis: &LaplaceBasis = &shape.basis;
@@ -139,7 +141,11 @@ fn descriptors(
         ];
         for landmark in landmarks {
             let vertex = nearest_vertex(shape, landmark);
-            parts.push(wave_kernel_from_landmark(basis, vertex, &energies)?);
+            parts.push(wave_kernel_from_landmark(
+                basis,
+                vertex,
+                &landmark_energies,
+            )?);
             parts.push(heat_kernel_from_landmark(basis, vertex, &times)?);
         }
         Ok(normalize_columns(concatenate_columns(&parts), &basis.mass))

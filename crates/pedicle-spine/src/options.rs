@@ -8,13 +8,15 @@ use pedicle_registration::MsacOptions;
 pub struct MapOptions {
     /// Faces both surfaces are simplified to before the spectral steps. Default 3500.
     pub n_faces: usize,
-    /// Eigenfunctions of each surface. Default 100.
+    /// Eigenfunctions of each surface. Default 120.
     pub n_functions: usize,
-    /// Size of the first map, which is fitted to the descriptors. Default 50.
+    /// Size of the first map, which is fitted to the descriptors. Default 60.
     pub n_fit: usize,
-    /// Wave kernel signatures per landmark. Default 20.
+    /// Wave kernel signatures. Default 20.
     pub n_wave: usize,
-    /// Heat kernel signatures per landmark. Default 10.
+    /// Wave kernel signatures from each landmark. Default 30.
+    pub n_landmark_wave: usize,
+    /// Heat kernel signatures, and as many from each landmark. Default 10.
     pub n_heat: usize,
     /// Weights of the terms of the energy.
     pub weights: EnergyWeights,
@@ -127,9 +129,10 @@ impl Default for MapOptions {
     fn default() -> Self {
         Self {
             n_faces: 3500,
-            n_functions: 100,
-            n_fit: 50,
+            n_functions: 120,
+            n_fit: 60,
             n_wave: 20,
+            n_landmark_wave: 30,
             n_heat: 10,
             weights: EnergyWeights::default(),
             zoomout: ZoomOutOptions::default(),

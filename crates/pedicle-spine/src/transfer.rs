@@ -14,7 +14,7 @@ use crate::map::{MapReport, map_poses};
 use crate::map_shape::{MapShape, clean, simplified, without_crumbs};
 use crate::model::{MAX_LANDMARK_DISTANCE_MM, SpineModel, landmarks_by_level};
 use crate::search::{Found, Search};
-use crate::verdict::{Evidence, Rejection, rejections};
+use crate::verdict::{Evidence, Rejection, chain_rejection, rejections};
 use crate::{Shape, SpineError, TransferOptions};
 
 /// The intra-operative side: one surface in its own frame, and a rough landmark a vertebra.
@@ -196,13 +196,11 @@ fn conclude(
     found: &Found,
     options: &TransferOptions,
 ) -> Vec<VertebraTransfer> {
-    let poses: Vec<Isometry3<f64>> = fits.iter().map(|fit| fit.target_from_source).collect();
-    fits.into_iter()
+    let mut vertebrae: Vec<VertebraTransfer> = fits
+        .into_iter()
         .enumerate()
         .map(|(v, fit)| {
             let pose = fit.target_from_source;
-            let landmark_distance_mm = (pose * model.vertebrae[v].landmark - landmarks[v]).norm();
-            let neighbours = [v.checked_sub(1), Some(v + 1).filter(|&u| u < poses.len())];
             let evidence = Evidence {
                 n_points: fit.n_points,
                 posterior_coverage: fit.posterior_coverage,
@@ -212,21 +210,12 @@ fn conclude(
                     .covariance
                     .map(|c| (c.translation_mm(), c.rotation_rad())),
                 alternative_margin: found.alternative_margins[v],
-                neighbour_turns_rad: neighbours
-                    .into_iter()
-                    .flatten()
-                    .map(|u| {
-                        let turn = pose.rotation.inverse() * poses[u].rotation;
-                        (model.vertebrae[u].level, turn.angle())
-                    })
-                    .collect(),
-                landmark_distance_mm,
+                landmark_distance_mm: (pose * model.vertebrae[v].landmark - landmarks[v]).norm(),
             };
-            let reasons = rejections(&evidence, &options.verdict);
             VertebraTransfer {
                 level: model.vertebrae[v].level,
-                accepted: reasons.is_empty(),
-                reasons,
+                accepted: false,
+                reasons: rejections(&evidence, &options.verdict),
                 target_from_source: pose,
                 residual_mm: fit.refinement.as_ref().map_or(f64::NAN, |r| r.rmse_mm),
                 noise_mm: evidence.noise_mm,
@@ -235,12 +224,32 @@ fn conclude(
                 coverage: fit.coverage,
                 posterior_coverage: fit.posterior_coverage,
                 alternative_margin: evidence.alternative_margin,
-                landmark_distance_mm,
+                landmark_distance_mm: evidence.landmark_distance_mm,
                 origin: found.configuration.origins[v],
                 covariance: fit.covariance,
             }
         })
-        .collect()
+        .collect();
+
+    // The chain binds only vertebrae that are trusted otherwise: one that was not found says
+    // nothing about its neighbours.
+    let trusted: Vec<Option<Isometry3<f64>>> = vertebrae
+        .iter()
+        .map(|v| v.reasons.is_empty().then_some(v.target_from_source))
+        .collect();
+    for (v, vertebra) in vertebrae.iter_mut().enumerate() {
+        for u in [v.checked_sub(1), Some(v + 1)].into_iter().flatten() {
+            let (Some(own), Some(Some(other))) = (trusted[v], trusted.get(u)) else {
+                continue;
+            };
+            let neighbour = model.vertebrae[u].level;
+            vertebra
+                .reasons
+                .extend(chain_rejection(&own, other, neighbour, &options.verdict));
+        }
+        vertebra.accepted = vertebra.reasons.is_empty();
+    }
+    vertebrae
 }
 
 /// Ratio of sizes from which on the units must differ: the smallest useful part of a spine

@@ -1,5 +1,6 @@
 //! Whether the transfer of a vertebra can be vouched for, and if not, why.
 
+use nalgebra::Isometry3;
 use pedicle_trajectory::Level;
 
 use crate::VerdictOptions;
@@ -121,7 +122,6 @@ pub(crate) struct Evidence {
     /// Standard deviations of position and orientation; none if there is no fit.
     pub(crate) std_mm_rad: Option<(f64, f64)>,
     pub(crate) alternative_margin: f64,
-    pub(crate) neighbour_turns_rad: Vec<(Level, f64)>,
     pub(crate) landmark_distance_mm: f64,
 }
 
@@ -188,16 +188,6 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
             min: options.min_alternative_margin,
         },
     );
-    for &(neighbour, turn_rad) in &evidence.neighbour_turns_rad {
-        demand(
-            turn_rad <= options.max_neighbour_turn_rad,
-            Rejection::TurnedAgainstNeighbour {
-                neighbour,
-                turn_rad,
-                max_rad: options.max_neighbour_turn_rad,
-            },
-        );
-    }
     demand(
         evidence.landmark_distance_mm <= options.max_landmark_distance_mm,
         Rejection::FarFromLandmark {
@@ -206,6 +196,22 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
         },
     );
     found
+}
+
+/// A vertebra turned too far against its neighbour, both `target_from_source`.
+pub(crate) fn chain_rejection(
+    own: &Isometry3<f64>,
+    other: &Isometry3<f64>,
+    neighbour: Level,
+    options: &VerdictOptions,
+) -> Option<Rejection> {
+    let turn_rad = (own.rotation.inverse() * other.rotation).angle();
+    let max_rad = options.max_neighbour_turn_rad;
+    (turn_rad > max_rad).then_some(Rejection::TurnedAgainstNeighbour {
+        neighbour,
+        turn_rad,
+        max_rad,
+    })
 }
 
 #[cfg(test)]
@@ -220,9 +226,19 @@ mod tests {
             noise_mm: 0.5,
             std_mm_rad: Some((0.1, 0.003)),
             alternative_margin: 0.4,
-            neighbour_turns_rad: vec![(Level::L2, 0.1)],
             landmark_distance_mm: 4.0,
         }
+    }
+
+    #[test]
+    fn a_turn_beyond_the_limit_names_the_neighbour() {
+        let options = VerdictOptions::default();
+        let turned = |angle| Isometry3::rotation(nalgebra::Vector3::new(0.0, angle, 0.0));
+        let judge =
+            |angle| chain_rejection(&turned(0.2), &turned(0.2 + angle), Level::L2, &options);
+        assert_eq!(judge(0.5), None, "within the limit");
+        let reason = judge(1.0).expect("57° is too much").to_string();
+        assert!(reason.contains("57°") && reason.contains("L2"), "{reason}");
     }
 
     #[test]
@@ -249,10 +265,6 @@ mod tests {
                 Box::new(|e| e.std_mm_rad = Some((0.1, 0.3))),
             ),
             ("another pose", Box::new(|e| e.alternative_margin = 0.01)),
-            (
-                "against L2",
-                Box::new(|e| e.neighbour_turns_rad = vec![(Level::L2, 1.0)]),
-            ),
             (
                 "from its landmark",
                 Box::new(|e| e.landmark_distance_mm = 40.0),

@@ -1,0 +1,6 @@
+//! The command line as a user calls it.
+
+mod bad_input;
+mod demo;
+mod support;
+mod transfer;
