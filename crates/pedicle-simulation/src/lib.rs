@@ -1,7 +1,8 @@
 //! Parametric lumbar phantom, deformations, noise and the scenarios of the published suite.
 //!
-//! - A phantom spine L1 to L5 from published morphometry ([`morphometry`]): smooth closed surfaces,
-//!   landmarks, and pedicles whose isthmus, axis, width and height are known exactly.
+//! - A phantom spine L1 to L5: smooth closed surfaces, landmarks, and pedicles whose isthmus, axis,
+//!   width and height are known exactly. Its dimensions are one table, [`morphometry`], which says
+//!   of every number whether it is published, quoted or chosen.
 //!   [`PhantomParameters::default`] is the mean spine, [`PhantomParameters::subject`] a person drawn
 //!   around it.
 //! - The suite `paper`: [`paper_scenarios`] lists it, [`simulate`] carries one scenario out on a

@@ -40,7 +40,7 @@ const WAIST_ROOM_MM: f64 = 4.4;
 const WAIST_RATIO: f64 = 0.87;
 
 impl Default for PhantomParameters {
-    /// The mean of the published tables, with a slight fixed asymmetry.
+    /// The means of the table, with a slight fixed asymmetry.
     fn default() -> Self {
         Self::drawn(&mut |_, _| 0.0, &mut |level, index| {
             let flip = if index % 2 == 0 { 1.0 } else { -1.0 };

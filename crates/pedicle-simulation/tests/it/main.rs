@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a failed helper fails its test")]
 
 mod metrics;
+mod morphometry;
 mod phantom;
 mod real_spines;
 mod scenarios;

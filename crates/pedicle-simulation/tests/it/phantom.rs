@@ -418,12 +418,3 @@ fn a_finer_grid_gives_the_same_solid() {
         }
     }
 }
-
-#[test]
-fn every_row_of_the_table_has_its_source() {
-    for row in morphometry::TABLE {
-        assert!(!row.source.is_empty(), "{} has no source", row.name);
-        assert!(row.mean.iter().all(|x| x.is_finite()), "{}", row.name);
-        assert!(row.deviation.iter().all(|x| *x > 0.0), "{}", row.name);
-    }
-}
