@@ -46,9 +46,10 @@
 //! - Masharawi 2004: Masharawi et al., Facet orientation in the thoracolumbar spine, Spine 2004
 //!   (240 spines): abstract.
 //! - Masharawi 2009: Masharawi et al., Eur. Spine J. 19(5):768-773, 10.1007/s00586-009-1256-6
-//!   (120 men, 120 women): its table 1. Nothing is taken from it. It is the independent check of
-//!   the rows: wedging of the bodies and height of the spinous process (its "thickness" over the
-//!   height of the body) lie between its women and its men at all levels.
+//!   (120 men, 120 women): its table 1. No number is taken from it. The wedging of the bodies, from
+//!   published heights and quoted depths, lies between its women and its men at all levels, which
+//!   is an independent check. So does the height of the spinous process over that of the body (its
+//!   "thickness"), a comparison only, because that row was chosen.
 //! - Wang 2024: Wang et al., World Neurosurg., December 2024 (laminae, CT of 62 people): abstract.
 
 /// What a row is measured in.

@@ -1,4 +1,4 @@
-//! The table of dimensions against itself and against a survey nothing in it is taken from.
+//! The table of dimensions against itself and against a survey no number in it is taken from.
 
 use pedicle_simulation::morphometry::{self as table, Origin, Provenance, TABLE};
 
@@ -57,7 +57,7 @@ fn deviations_follow_from_the_published_standard_errors() {
 }
 
 /// Wedging of the bodies and height of the spinous process over that of the body lie between the
-/// women and the men of Masharawi 2009, table 1, which no row is taken from.
+/// women and the men of Masharawi 2009, table 1, which no number is taken from.
 #[test]
 fn shapes_agree_with_a_survey_not_used() {
     let wedge_women = [2.6, 0.7, -1.1, -3.1, -7.8];
