@@ -28,6 +28,8 @@ pub struct SourceVertebra {
 pub(crate) struct Vertebra {
     pub(crate) level: Level,
     pub(crate) bone: BoneSurface,
+    /// The surface simplified for the map: good enough to search with, and much faster.
+    pub(crate) coarse: BoneSurface,
     pub(crate) frame: AnatomicalFrame,
     pub(crate) landmark: Point3<f64>,
     pub(crate) area_mm2: f64,
@@ -75,7 +77,7 @@ impl SpineModel {
         let frames = anatomical_frames(&pairs)?;
 
         let surfaces: Vec<&TriMesh> = vertebrae.iter().map(|v| &v.surface).collect();
-        let spine = concatenate(&surfaces).map_err(|error| mesh_error(error))?;
+        let spine = concatenate(&surfaces).map_err(mesh_error)?;
         let (low, high) = spine.bounding_box();
         let starts: Vec<usize> = surfaces
             .iter()
@@ -118,6 +120,7 @@ impl SpineModel {
         let mut prepared = Vec::with_capacity(vertebrae.len());
         for ((vertebra, frame), landmark) in vertebrae.iter().zip(frames).zip(landmark_points) {
             let bone = BoneSurface::new(&vertebra.surface)?;
+            let coarse = BoneSurface::new(&part_of(&whole, prepared.len() as u8)?)?;
             check_landmark(&bone, &landmark, vertebra.level)?;
             let samples: Vec<Point3<f64>> = whole
                 .shape
@@ -132,6 +135,7 @@ impl SpineModel {
             prepared.push(Vertebra {
                 level: vertebra.level,
                 bone,
+                coarse,
                 frame,
                 landmark,
                 area_mm2: vertebra.surface.area(),
@@ -191,6 +195,18 @@ impl SpineModel {
 /// splits the surface into halves of about equal area.
 fn is_exposed(point: &Point3<f64>, frame: &AnatomicalFrame) -> bool {
     (point - frame.origin).dot(&frame.anterior) < 0.0
+}
+
+/// The simplified surface of one vertebra.
+fn part_of(whole: &SourceView, vertebra: u8) -> Result<TriMesh, SpineError> {
+    let mesh = &whole.shape.mesh;
+    let faces: Vec<u32> = (0..mesh.n_faces() as u32)
+        .filter(|&f| {
+            let corner = mesh.faces()[f as usize][0];
+            whole.vertebra_of_vertex[corner as usize] == vertebra
+        })
+        .collect();
+    Ok(mesh.submesh_of_faces(&faces).map_err(mesh_error)?.mesh)
 }
 
 fn mesh_error(error: pedicle_mesh::MeshError) -> SpineError {

@@ -22,7 +22,8 @@ pub struct MapOptions {
     pub weights: EnergyWeights,
     /// Refinement of the spectrum.
     pub zoomout: ZoomOutOptions,
-    /// Refinement of the point map.
+    /// Refinement of the point map. Default 2 rounds of spectral ICP and 3 iterations: more
+    /// changes no pose.
     pub bcicp: BcicpOptions,
     /// A target with less than this share of the source's area is matched to the part of the
     /// source that a posterior approach exposes. Default 0.8.
@@ -136,7 +137,11 @@ impl Default for MapOptions {
             n_heat: 10,
             weights: EnergyWeights::default(),
             zoomout: ZoomOutOptions::default(),
-            bcicp: BcicpOptions::default(),
+            bcicp: BcicpOptions {
+                n_icp_rounds: 2,
+                n_iterations: 3,
+                ..BcicpOptions::default()
+            },
             whole_area_share: 0.8,
         }
     }

@@ -22,7 +22,9 @@ const MIN_POINTS: usize = 12;
 /// Steps of a fit within a round.
 const STEPS_PER_ROUND: usize = 4;
 /// Steps of a fit from another pose.
-const STEPS_FOR_ALTERNATIVE: usize = 12;
+const STEPS_FOR_ALTERNATIVE: usize = 8;
+/// Points of a fit from another pose: six unknowns do not need more to find the basin.
+const POINTS_FOR_ALTERNATIVE: usize = 90;
 /// Rounds after which the worse starts are dropped.
 const QUALIFYING_ROUNDS: usize = 2;
 /// Poses closer than this are the same hypothesis.
@@ -80,7 +82,7 @@ impl<'a> Search<'a> {
     }
 
     fn table(&self, poses: &[Isometry3<f64>], truncation_mm: f64) -> ScoreTable {
-        let bones: Vec<&BoneSurface> = self.vertebrae.iter().map(|v| &v.bone).collect();
+        let bones: Vec<&BoneSurface> = self.vertebrae.iter().map(|v| &v.coarse).collect();
         ScoreTable::new(&bones, poses, self.points, truncation_mm)
     }
 
@@ -117,7 +119,7 @@ impl<'a> Search<'a> {
         };
         // A start far off may leave too few points within the gate: then there is no fit.
         Ok(
-            refine_on_surface(&self.vertebrae[v].bone, &points, pose, &options)
+            refine_on_surface(&self.vertebrae[v].coarse, &points, pose, &options)
                 .ok()
                 .map(|fit| fit.target_from_source),
         )
@@ -158,7 +160,7 @@ impl<'a> Search<'a> {
         all: &[Configuration],
         table: &mut ScoreTable,
     ) -> Result<(f64, Option<(Origin, Isometry3<f64>)>), SpineError> {
-        let bone = &self.vertebrae[v].bone;
+        let bone = &self.vertebrae[v].coarse;
         let owners = table.owners();
         let claimable: Vec<u32> = (0..self.points.len() as u32)
             .filter(|&p| owners[p as usize] == v as u8 || owners[p as usize] == UNASSIGNED)
@@ -179,6 +181,9 @@ impl<'a> Search<'a> {
                     .copied()
                     .filter(|&p| (self.points[p as usize] - center).norm() <= reach)
                     .collect();
+                // The points are a random sample already: every n-th is one as well.
+                let stride = near.len().div_ceil(POINTS_FOR_ALTERNATIVE).max(1);
+                let near: Vec<u32> = near.into_iter().step_by(stride).collect();
                 match self.fit(v, &near, &pose, (gate, STEPS_FOR_ALTERNATIVE))? {
                     Some(refined) => pose = refined,
                     None => break,
