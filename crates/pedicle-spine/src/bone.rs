@@ -1,6 +1,8 @@
 //! The surface of one source vertebra as something points can be registered to.
 //!
-//!     q = argmin over triangles of |p - q|,   n(q) = Σ_i b_i n_i / |Σ_i b_i n_i|
+//! ```text
+//! q = argmin over triangles of |p - q|,   n(q) = Σ_i b_i n_i / |Σ_i b_i n_i|
+//! ```
 //!
 //! b are the barycentric coordinates of q in its triangle, n_i the vertex normals: the normal
 //! varies smoothly over the surface although the surface itself is flat in pieces. Points are
@@ -90,7 +92,7 @@ impl BoneSurface {
             .query(&query)
             .nearest_one::<SquaredEuclidean<f64>>()
             .execute()
-            .item as u32
+            .item
     }
 
     /// Distance to the nearest vertex, an upper bound of the distance to the surface.

@@ -2,7 +2,9 @@
 //!
 //! The landmarks, one on each spinous process, fix everything but the turn about their line:
 //!
-//!     R(φ) = Rot(u_t, φ) · R₀,   R₀ u_s = u_t,   t = l_t - R l_s
+//! ```text
+//! R(φ) = Rot(u_t, φ) · R₀,   R₀ u_s = u_t,   t = l_t - R l_s
+//! ```
 //!
 //! u_s, u_t are the directions of the line of landmarks near the vertebra, l_s, l_t its own
 //! landmark in the source and in the target. The functional map gives one more configuration.

@@ -90,7 +90,7 @@ pub(crate) fn map_poses(
     let fit_options = FitOptions {
         n_source: options.map.n_fit,
         n_target: options.map.n_fit,
-        weights: options.map.weights.clone(),
+        weights: options.map.weights,
         ..FitOptions::default()
     };
     let first = fit(&source_shape, &target_shape, &fit_options)?;
@@ -164,6 +164,9 @@ fn nearest_vertex(shape: &MapShape, point: &Point3<f64>) -> usize {
     best.1
 }
 
+/// Source points and the target points mapped to them, in the same order.
+type Pairs = (Vec<Point3<f64>>, Vec<Point3<f64>>);
+
 struct Estimate {
     poses: Option<Poses>,
     n_mapped: Vec<usize>,
@@ -179,7 +182,7 @@ fn poses_from_pairs(
     options: &TransferOptions,
 ) -> Estimate {
     let n = model.vertebrae.len();
-    let mut pairs: Vec<(Vec<Point3<f64>>, Vec<Point3<f64>>)> = vec![Default::default(); n];
+    let mut pairs: Vec<Pairs> = vec![Default::default(); n];
     for (t, &s) in source_of_target.iter().enumerate() {
         let (from, to) = &mut pairs[source.vertebra_of_vertex[s as usize] as usize];
         from.push(source.shape.mesh.vertices()[s as usize]);

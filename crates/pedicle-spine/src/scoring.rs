@@ -1,6 +1,8 @@
 //! How well a set of poses explains the target.
 //!
-//!     s(p, v) = max(0, 1 - d(p, v)²/τ²),   S = Σ_p max_v s(p, v) / n
+//! ```text
+//! s(p, v) = max(0, 1 - d(p, v)²/τ²),   S = Σ_p max_v s(p, v) / n
+//! ```
 //!
 //! d(p, v) is the distance of target point p from vertebra v in its pose, τ the truncation
 //! distance: the MSAC score of Torr & Zisserman 2000 taken over a surface instead of point

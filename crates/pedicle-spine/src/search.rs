@@ -130,9 +130,9 @@ impl<'a> Search<'a> {
         let mut margins = vec![1.0; self.vertebrae.len()];
         for _ in 0..self.options.n_sweeps.max(1) {
             let mut changed = false;
-            for v in 0..self.vertebrae.len() {
-                let (margin, better) = self.challenge(v, &best, all, &mut table)?;
-                margins[v] = margin;
+            for (v, margin) in margins.iter_mut().enumerate() {
+                let (found, better) = self.challenge(v, &best, all, &mut table)?;
+                *margin = found;
                 if let Some((origin, pose)) = better {
                     best.origins[v] = origin;
                     best.poses[v] = pose;

@@ -218,6 +218,9 @@ pub(crate) fn chain_rejection(
 mod tests {
     use super::*;
 
+    /// Makes one figure of good evidence bad.
+    type Spoil = Box<dyn Fn(&mut Evidence)>;
+
     fn good() -> Evidence {
         Evidence {
             n_points: 300,
@@ -248,7 +251,7 @@ mod tests {
 
     #[test]
     fn each_figure_alone_rejects_with_its_own_reason() {
-        let cases: Vec<(&str, Box<dyn Fn(&mut Evidence)>)> = vec![
+        let cases: Vec<(&str, Spoil)> = vec![
             ("too few target points", Box::new(|e| e.n_points = 10)),
             (
                 "too little surface seen (12 %",

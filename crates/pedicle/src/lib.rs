@@ -4,6 +4,14 @@
 //! - [`TransferFile`], [`write_json`]: the result of a transfer as JSON
 //! - [`commands`]: the commands themselves, with their arguments
 //!
+//! ```
+//! let folder = std::path::Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../fixtures/phantom"));
+//! let vertebrae = pedicle::read_spine(folder)?;
+//! let landmarks = pedicle::landmarks_from_shape(folder, &vertebrae)?;
+//! assert_eq!((vertebrae.len(), landmarks.landmarks.len()), (5, 5));
+//! # Ok::<(), pedicle::Error>(())
+//! ```
+//!
 //! Lengths are millimetres. Research software, not a medical device.
 
 pub mod commands;

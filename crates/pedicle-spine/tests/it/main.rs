@@ -1,4 +1,8 @@
 //! The transfer against truth that is known.
+#![allow(
+    clippy::unwrap_used,
+    reason = "a test that cannot set its scene up must fail"
+)]
 
 use std::sync::OnceLock;
 

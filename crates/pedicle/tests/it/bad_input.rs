@@ -48,7 +48,7 @@ fn broken_target_meshes() {
     );
     with_target_text(
         "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 9\n",
-        &["face 0", "9", "3"],
+        &["line 6", "vertex 9", "3"],
     );
     with_target_text("OFF\n3 1 0\n0 0 0\n1 0 0\n", &["bad.off"]);
     with_target_text("this is no mesh\n", &["bad.off"]);

@@ -1,4 +1,8 @@
 //! The command line as a user calls it.
+#![allow(
+    clippy::unwrap_used,
+    reason = "a test that cannot set its scene up must fail"
+)]
 
 mod bad_input;
 mod demo;
