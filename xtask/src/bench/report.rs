@@ -63,8 +63,8 @@ impl Summary<'_> {
 
     fn heading(&self) -> String {
         format!(
-            "{}: {} scenarios ({} draws a cell), seed {}. RMSE in mm / degrees; in brackets the \
-             published figure (V1 taken as L5) and the Cramér-Rao bound of the surface.",
+            "{}: {} scenarios ({} draws a cell), seed {}. RMSE in mm / degrees, per \
+             vertebra: ours, published (its V1 taken as L5), and the Cramér-Rao bound of the surface.",
             self.spine,
             self.scores.len(),
             self.draws,
