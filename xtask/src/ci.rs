@@ -1,19 +1,19 @@
 //! `cargo xtask ci`: everything that must hold before a change lands.
 
-use std::path::Path;
 use std::process::Command;
 
 use clap::Args;
 
-use crate::{XtaskError, complain, say};
+use crate::{XtaskError, complain, fixture, say, workspace_root};
 
 /// Run what .ci/run runs: format, lints, tests, documentation, and a reduced benchmark on the
 /// phantom and, where they are, on the real spines.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
-    /// Folder with the real spines; skipped, with a word, if it is not there.
-    #[arg(long, value_name = "DIR", default_value = "../shared/data")]
-    data: std::path::PathBuf,
+    /// Folder with the real spines, ../shared/data beside the checkout by default; skipped, with
+    /// a word, if it is not there.
+    #[arg(long, value_name = "DIR")]
+    data: Option<std::path::PathBuf>,
 }
 
 /// Draws a cell of the reduced benchmark.
@@ -35,9 +35,12 @@ impl Arguments {
                 Some("-D warnings"),
             ),
         ];
-        let mut spines = vec!["fixtures/phantom".to_owned()];
+        let data = self
+            .data
+            .unwrap_or_else(|| workspace_root().join("../shared/data"));
+        let mut spines = vec![fixture("phantom").display().to_string()];
         for spine in ["vhp-male-remus", "verse010"] {
-            let path = self.data.join(spine);
+            let path = data.join(spine);
             if path.is_dir() {
                 spines.push(path.display().to_string());
             } else {
@@ -79,10 +82,4 @@ fn step(what: &str, words: &[String], rustdocflags: Option<&str>) -> Result<bool
         source,
     })?;
     Ok(status.success())
-}
-
-fn workspace_root() -> &'static Path {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-        .parent()
-        .unwrap_or(Path::new("."))
 }

@@ -6,6 +6,7 @@ mod error;
 mod phantom;
 
 use std::io::Write;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
@@ -41,6 +42,18 @@ fn main() -> ExitCode {
             ExitCode::from(2)
         }
     }
+}
+
+/// The root of the workspace, wherever the command is called from.
+pub(crate) fn workspace_root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .parent()
+        .unwrap_or(Path::new("."))
+}
+
+/// A file or folder of `fixtures/`.
+pub(crate) fn fixture(name: &str) -> PathBuf {
+    workspace_root().join("fixtures").join(name)
 }
 
 /// Prints to standard output. A closed pipe is not an error.

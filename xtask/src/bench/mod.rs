@@ -16,7 +16,7 @@ use pedicle_spine::TransferOptions;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::{XtaskError, complain, say};
+use crate::{XtaskError, complain, fixture, say};
 use gates::Gates;
 use score::{Cell, ScenarioScore, cells};
 
@@ -29,8 +29,9 @@ pub(crate) struct Arguments {
     suite: Suite,
     /// Spine: a folder with L1.ply to L5.ply, or one labelled PLY. A plan.ron and landmarks.ron
     /// beside the surfaces are used; without them plan and landmarks come from the shape.
-    #[arg(long, value_name = "PATH", default_value = "fixtures/phantom")]
-    spine: PathBuf,
+    /// Without it, the phantom in fixtures/.
+    #[arg(long, value_name = "PATH")]
+    spine: Option<PathBuf>,
     /// Planned trajectories, .ron or .json.
     #[arg(long, value_name = "FILE")]
     plan: Option<PathBuf>,
@@ -49,9 +50,9 @@ pub(crate) struct Arguments {
     /// Write the table as Markdown.
     #[arg(long, value_name = "FILE")]
     markdown: Option<PathBuf>,
-    /// Gates to hold the figures against.
-    #[arg(long, value_name = "FILE", default_value = "fixtures/gates.ron")]
-    gates: PathBuf,
+    /// Gates to hold the figures against; fixtures/gates.ron by default.
+    #[arg(long, value_name = "FILE")]
+    gates: Option<PathBuf>,
     /// Rewrite the gates of this spine from this run. Never in CI.
     #[arg(long)]
     update_gates: bool,
@@ -81,7 +82,8 @@ struct SuiteFile<'a> {
 impl Arguments {
     pub(crate) fn run(self) -> Result<bool, XtaskError> {
         let started = Instant::now();
-        let case = case::load(&self.spine, self.plan.as_deref())?;
+        let spine = self.spine.clone().unwrap_or_else(|| fixture("phantom"));
+        let case = case::load(&spine, self.plan.as_deref())?;
         let model = case.model(&TransferOptions::default())?;
         let preparation = started.elapsed();
 
@@ -140,26 +142,24 @@ impl Arguments {
     }
 
     fn judge(&self, spine: &str, cells: &[Cell]) -> Result<bool, XtaskError> {
-        let exists = self.gates.is_file();
+        let file = self.gates.clone().unwrap_or_else(|| fixture("gates.ron"));
+        let exists = file.is_file();
         let mut gates = if self.update_gates && !exists {
             Gates::empty()
         } else {
-            Gates::read(&self.gates)?
+            Gates::read(&file)?
         };
         if self.update_gates {
             gates.update(spine, cells);
-            gates.write(&self.gates)?;
-            say(&format!(
-                "gates of {spine} written to {}",
-                self.gates.display()
-            ));
+            gates.write(&file)?;
+            say(&format!("gates of {spine} written to {}", file.display()));
         }
         let missed = gates.missed(spine, cells);
         for sentence in &missed {
             complain(&format!("gate missed: {spine}: {sentence}"));
         }
         if missed.is_empty() {
-            say(&format!("all gates of {} held", self.gates.display()));
+            say(&format!("all gates of {} held", file.display()));
         }
         Ok(missed.is_empty())
     }
