@@ -17,6 +17,12 @@ pub enum Error {
     /// A plan or landmark file could not be read.
     #[error(transparent)]
     Format(#[from] pedicle_trajectory::FormatError),
+    /// There is nothing at this path.
+    #[error("{}: no such file or folder", path.display())]
+    NotThere {
+        /// The path.
+        path: PathBuf,
+    },
     /// A folder could not be listed.
     #[error("{}: the folder cannot be read: {source}", path.display())]
     ReadFolder {
@@ -55,9 +61,10 @@ pub enum Error {
         /// The file.
         path: PathBuf,
     },
-    /// Labels that are not lumbar levels.
+    /// Labels that do not tell where L1 to L5 are.
     #[error(
-        "{}: the labels {found:?} do not name L1 to L5 (1 to 5, or 20 to 24 as in VerSe)",
+        "{}: the labels {found:?} do not name L1 to L5: give all of 20 to 24, as in VerSe, or all \
+         of 1 to 5 and no others but 0",
         path.display()
     )]
     UnknownLabels {

@@ -2,6 +2,7 @@
 //!
 //! - [`read_spine`], [`landmarks_from_shape`], [`plan_from_shape`]: a spine from files
 //! - [`TransferFile`], [`write_json`]: the result of a transfer as JSON
+//! - [`write_text`]: any text, whole or not at all
 //! - [`commands`]: the commands themselves, with their arguments
 //!
 //! ```
@@ -20,5 +21,12 @@ mod result_file;
 mod spine_files;
 
 pub use error::Error;
-pub use result_file::{COVARIANCE_ORDER, TrajectoryEntry, TransferFile, VertebraEntry, write_json};
+pub use result_file::{
+    COVARIANCE_ORDER, TrajectoryEntry, TransferFile, VertebraEntry, write_json, write_text,
+};
 pub use spine_files::{landmarks_from_shape, plan_from_shape, read_spine};
+
+/// The example of the README is run with the tests.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -122,22 +122,37 @@ fn rows<const N: usize>(entry: impl Fn(usize, usize) -> f64) -> [[f64; N]; N] {
     std::array::from_fn(|i| std::array::from_fn(|j| entry(i, j)))
 }
 
-/// Writes a value as indented JSON, whole or not at all: first beside the file, then renamed.
+/// Writes a value as indented JSON, whole or not at all, as [`write_text`] does.
 ///
 /// # Errors
 /// [`Error::Write`] if the folder does not exist or cannot be written.
 pub fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Error> {
+    let mut text = serde_json::to_string_pretty(value).map_err(|error| Error::Write {
+        path: path.to_owned(),
+        source: error.into(),
+    })?;
+    text.push('\n');
+    write_text(path, &text)
+}
+
+/// Writes a text, whole or not at all: first beside the file, then renamed.
+///
+/// # Errors
+/// [`Error::Write`] if the folder does not exist or cannot be written.
+pub fn write_text(path: &Path, text: &str) -> Result<(), Error> {
     let refused = |source| Error::Write {
         path: path.to_owned(),
         source,
     };
-    let mut text = serde_json::to_string_pretty(value).map_err(|e| refused(e.into()))?;
-    text.push('\n');
     let folder = path
         .parent()
         .filter(|p| !p.as_os_str().is_empty())
         .unwrap_or(Path::new("."));
-    let mut file = tempfile::NamedTempFile::new_in(folder).map_err(refused)?;
+    let mut builder = tempfile::Builder::new();
+    // A temporary file is its owner's alone unless told otherwise; the umask still applies.
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    let mut file = builder.tempfile_in(folder).map_err(refused)?;
     file.write_all(text.as_bytes()).map_err(refused)?;
     file.persist(path).map_err(|e| refused(e.error))?;
     Ok(())

@@ -12,24 +12,33 @@ use pedicle_trajectory::{
 
 use crate::Error;
 
-/// Label of L1 where labels count from the lumbar spine.
-const FIRST_LUMBAR_LABEL: u32 = 1;
-/// Label of L1 in VerSe (Sekuboyina et al. 2021).
-const FIRST_VERSE_LABEL: u32 = 20;
+/// Labels of L1 to L5 where labels count from the lumbar spine.
+const LUMBAR_LABELS: std::ops::RangeInclusive<u32> = 1..=5;
+/// Labels of L1 to L5 in VerSe (Sekuboyina et al. 2021), which calls C1 to C5 1 to 5.
+const VERSE_LABELS: std::ops::RangeInclusive<u32> = 20..=24;
+/// Label of what is no vertebra.
+const BACKGROUND_LABEL: u32 = 0;
 
 /// Reads the five vertebrae of a spine.
 ///
 /// In a folder, only files named after a level (`L1.ply` to `L5.ply`, also `.stl`, `.obj`,
-/// `.off`) are read. A labelled mesh has the levels as labels 1 to 5, or 20 to 24.
+/// `.off`) are read. A labelled mesh has the levels as labels 20 to 24, as in VerSe, whatever else
+/// it shows; or as labels 1 to 5, if there are no others but 0. Other labels could be any part of
+/// the spine and are refused.
 ///
 /// # Errors
-/// [`Error`] if a file cannot be read or a level is missing or doubled.
+/// [`Error`] if there is nothing at the path, a file cannot be read, a level is missing or
+/// doubled, or the labels do not tell the levels.
 pub fn read_spine(path: impl AsRef<Path>) -> Result<Vec<SourceVertebra>, Error> {
     let path = path.as_ref();
     let found = if path.is_dir() {
         read_folder(path)?
-    } else {
+    } else if path.exists() {
         read_labelled(path)?
+    } else {
+        return Err(Error::NotThere {
+            path: path.to_owned(),
+        });
     };
     for level in Level::ALL {
         if !found.contains_key(&level) {
@@ -95,10 +104,7 @@ fn read_labelled(path: &Path) -> Result<BTreeMap<Level, TriMesh>, Error> {
             path: path.to_owned(),
         });
     };
-    let first = [FIRST_LUMBAR_LABEL, FIRST_VERSE_LABEL]
-        .into_iter()
-        .find(|&first| labels.iter().any(|&l| (first..first + 5).contains(&l)));
-    let Some(first) = first else {
+    let Some(first) = first_label(&labels) else {
         return Err(Error::UnknownLabels {
             path: path.to_owned(),
             found: labels,
@@ -114,6 +120,21 @@ fn read_labelled(path: &Path) -> Result<BTreeMap<Level, TriMesh>, Error> {
         }
     }
     Ok(found)
+}
+
+/// The label of L1.
+fn first_label(labels: &[u32]) -> Option<u32> {
+    let has_all = |wanted: std::ops::RangeInclusive<u32>| {
+        wanted.into_iter().all(|label| labels.contains(&label))
+    };
+    let is_known = |label: &u32| *label == BACKGROUND_LABEL || LUMBAR_LABELS.contains(label);
+    if has_all(VERSE_LABELS) {
+        Some(*VERSE_LABELS.start())
+    } else if has_all(LUMBAR_LABELS) && labels.iter().all(is_known) {
+        Some(*LUMBAR_LABELS.start())
+    } else {
+        None
+    }
 }
 
 /// The top of every spinous process, found from the shape.
@@ -169,4 +190,36 @@ pub fn plan_from_shape(path: &Path, vertebrae: &[SourceVertebra]) -> Result<Plan
 
 fn pairs(vertebrae: &[SourceVertebra]) -> Vec<(Level, &TriMesh)> {
     vertebrae.iter().map(|v| (v.level, &v.surface)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::first_label;
+
+    #[test]
+    fn labels_name_the_lumbar_spine_or_nothing() {
+        let whole_spine: Vec<u32> = (1..=24).collect();
+        let cases: [(&str, &[u32], Option<u32>); 9] = [
+            ("the whole spine as in VerSe", &whole_spine, Some(20)),
+            ("VerSe, lumbar", &[20, 21, 22, 23, 24], Some(20)),
+            (
+                "VerSe with strays",
+                &[0, 3, 19, 20, 21, 22, 23, 24, 25],
+                Some(20),
+            ),
+            ("counted from L1", &[1, 2, 3, 4, 5], Some(1)),
+            ("with background", &[0, 1, 2, 3, 4, 5], Some(1)),
+            ("cervical vertebrae", &[1, 2, 3, 4, 5, 6, 7], None),
+            ("one is missing", &[1, 2, 4, 5], None),
+            ("one of VerSe is missing", &[19, 20, 21, 22, 23], None),
+            (
+                "C1 to C5 and part of the lumbar spine",
+                &[1, 2, 3, 4, 5, 20, 21],
+                None,
+            ),
+        ];
+        for (what, labels, expected) in cases {
+            assert_eq!(first_label(labels), expected, "{what}: {labels:?}");
+        }
+    }
 }

@@ -127,12 +127,12 @@ impl Arguments {
             self.seed
         ));
         say(&transfer_tables(&result));
-        say(&truth_table(&model, &simulated, &result));
+        say(&truth_table(&simulated, &result));
         Ok(exit_code(result.all_accepted()))
     }
 }
 
-fn truth_table(model: &SpineModel, simulated: &SimulatedTarget, result: &Transfer) -> String {
+fn truth_table(simulated: &SimulatedTarget, result: &Transfer) -> String {
     let mut table = Table::new();
     table.load_style(UTF8_FULL_CONDENSED).set_header([
         "level",
@@ -145,16 +145,12 @@ fn truth_table(model: &SpineModel, simulated: &SimulatedTarget, result: &Transfe
     }
     let margins = SafetyMargins::default();
     for (vertebra, truth) in result.vertebrae.iter().zip(&simulated.truth) {
-        let centroid = model.centroid(vertebra.level);
-        let mm =
-            (vertebra.target_from_source * centroid - truth.target_from_source * centroid).norm();
-        let turn =
-            vertebra.target_from_source.rotation * truth.target_from_source.rotation.inverse();
-        let valid = margins.is_within(mm, turn.angle());
+        let error = truth.error_of(&vertebra.target_from_source);
+        let valid = margins.is_within(error.translation_mm, error.rotation_rad);
         table.add_row([
             vertebra.level.to_string(),
-            format!("{mm:.3}"),
-            format!("{:.3}", turn.angle().to_degrees()),
+            format!("{:.3}", error.translation_mm),
+            format!("{:.3}", error.rotation_rad.to_degrees()),
             (if valid { "yes" } else { "NO" }).to_owned(),
         ]);
     }

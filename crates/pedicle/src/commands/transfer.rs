@@ -1,12 +1,14 @@
 //! `pedicle transfer`: a plan from a CT spine to a target surface.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use pedicle_mesh::read_mesh;
-use pedicle_spine::{SpineError, SpineModel, Target, TransferOptions, transfer_with_progress};
+use pedicle_spine::{
+    Shape, SpineError, SpineModel, Target, TransferOptions, transfer_with_progress,
+};
 use pedicle_trajectory::{read_landmarks, read_plan};
 
 use super::{exit_code, say, table::transfer_tables};
@@ -75,31 +77,41 @@ impl Arguments {
         Ok(exit_code(transfer.all_accepted()))
     }
 
-    /// Names the file that an error is about.
+    /// Names the file, or the two, that an error is about.
     fn blame(&self, error: SpineError) -> Error {
-        use pedicle_spine::Shape;
-        let landmark_file = |shape: &Shape| match shape {
-            Shape::Source => &self.source_landmarks,
-            Shape::Target => &self.target_landmarks,
+        use SpineError as E;
+        let landmarks_of = |shape: &Shape| match shape {
+            Shape::Source => self.source_landmarks.display().to_string(),
+            Shape::Target => self.target_landmarks.display().to_string(),
         };
-        let file: &Path = match &error {
-            SpineError::EmptyPlan | SpineError::PlanOffSpine { .. } => &self.plan,
-            SpineError::MissingLandmark { shape, .. }
-            | SpineError::DoubledLandmark { shape, .. }
-            | SpineError::NonFiniteLandmark { shape, .. }
-            | SpineError::LandmarkFarFromSurface { shape, .. } => landmark_file(shape),
-            SpineError::UnitMismatch { .. } => &self.target,
-            SpineError::TooFewVertices { shape, .. }
-            | SpineError::Mesh { shape, .. }
-            | SpineError::Operators { shape, .. }
-            | SpineError::Spectrum { shape, .. } => match shape {
-                Shape::Source => &self.source,
-                Shape::Target => &self.target,
-            },
-            _ => &self.source,
+        let surface_of = |shape: &Shape| match shape {
+            Shape::Source => self.source.display().to_string(),
+            Shape::Target => self.target.display().to_string(),
+        };
+        let both = || format!("{} and {}", self.source.display(), self.target.display());
+        let context = match &error {
+            E::MissingLevel { .. } | E::DoubledLevel { .. } | E::Anatomy { .. } => {
+                surface_of(&Shape::Source)
+            }
+            E::MissingLandmark { shape, .. }
+            | E::DoubledLandmark { shape, .. }
+            | E::NonFiniteLandmark { shape, .. }
+            | E::LandmarkFarFromSurface { shape, .. } => landmarks_of(shape),
+            E::EmptyPlan | E::PlanOffSpine { .. } => self.plan.display().to_string(),
+            E::TooFewVertices { shape, .. }
+            | E::Mesh { shape, .. }
+            | E::Operators { shape, .. }
+            | E::Spectrum { shape, .. } => surface_of(shape),
+            E::UnitMismatch { .. }
+            | E::Descriptors { .. }
+            | E::Map { .. }
+            | E::Registration { .. }
+            | E::Index { .. } => both(),
+            // The list of errors may grow: better both files than the wrong one.
+            _ => both(),
         };
         Error::Spine {
-            context: file.display().to_string(),
+            context,
             error: Box::new(error),
         }
     }

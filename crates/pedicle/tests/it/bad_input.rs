@@ -119,7 +119,18 @@ fn levels_missing_doubled_or_unknown() {
     refused(&scene, &["L3.ply", "label"]);
 
     scene.source = Path::new("nowhere").to_owned();
-    refused(&scene, &["nowhere"]);
+    refused(&scene, &["nowhere: no such file or folder"]);
+}
+
+#[test]
+fn labels_that_could_be_any_part_of_the_spine() {
+    let mut scene = Scene::new();
+    let labels = [1, 2, 3, 4, 5, 6, 7];
+    scene.source = scene.labelled("cervical.ply", &labels);
+    refused(
+        &scene,
+        &["cervical.ply", "[1, 2, 3, 4, 5, 6, 7]", "20 to 24"],
+    );
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::OnceLock;
 
-use pedicle_mesh::{TriMesh, WriteOptions, write_mesh};
+use pedicle_mesh::{TriMesh, WriteOptions, concatenate, write_mesh};
 use pedicle_simulation::{Deformation, Scenario, SimulatedTarget, SpineCase, simulate};
 use pedicle_trajectory::{read_landmarks, write_landmarks};
 use tempfile::TempDir;
@@ -74,6 +74,35 @@ impl Scene {
     pub(crate) fn mesh(&self, name: &str, mesh: &TriMesh) -> PathBuf {
         let path = self.folder.path().join(name);
         write_mesh(&path, mesh, &WriteOptions::default()).unwrap();
+        path
+    }
+
+    /// A labelled PLY: labels 20 to 24 are L1 to L5 of the phantom, every other one is an L3
+    /// somewhere else.
+    pub(crate) fn labelled(&self, name: &str, labels: &[u32]) -> PathBuf {
+        let spine = pedicle::read_spine(&self.source).unwrap();
+        let part = |label: u32| -> TriMesh {
+            if (20..=24).contains(&label) {
+                return spine[label as usize - 20].surface.clone();
+            }
+            let away = nalgebra::Vector3::new(0.0, 0.0, 100.0 + 50.0 * f64::from(label));
+            let l3 = &spine[2].surface;
+            let vertices = l3.vertices().iter().map(|p| p + away).collect();
+            TriMesh::new(vertices, l3.faces().to_vec()).unwrap()
+        };
+        let parts: Vec<TriMesh> = labels.iter().map(|&label| part(label)).collect();
+        let whole = concatenate(&parts.iter().collect::<Vec<_>>()).unwrap();
+        let of_vertices: Vec<u32> = labels
+            .iter()
+            .zip(&parts)
+            .flat_map(|(&label, part)| vec![label; part.n_vertices()])
+            .collect();
+        let options = WriteOptions {
+            vertex_labels: Some(&of_vertices),
+            ..WriteOptions::default()
+        };
+        let path = self.folder.path().join(name);
+        write_mesh(&path, &whole, &options).unwrap();
         path
     }
 

@@ -102,6 +102,25 @@ fn a_labelled_ply_and_a_json_plan_give_the_same_result_as_the_folder() {
 }
 
 #[test]
+fn lumbar_labels_are_found_in_a_whole_spine() {
+    let scene = Scene::new();
+    let lumbar = pedicle::read_spine(&scene.source).unwrap();
+    let whole_spine: Vec<u32> = (1..=24).collect();
+    for labels in [&whole_spine[..], &[0, 3, 20, 21, 22, 23, 24, 26]] {
+        let found = pedicle::read_spine(scene.labelled("spine.ply", labels)).unwrap();
+        for (found, expected) in found.iter().zip(&lumbar) {
+            assert_eq!(found.level, expected.level, "from the top down");
+            assert_eq!(
+                found.surface.vertices(),
+                expected.surface.vertices(),
+                "{labels:?}: {} is another vertebra",
+                found.level
+            );
+        }
+    }
+}
+
+#[test]
 fn every_mesh_format_of_the_target_works() {
     let mut scene = Scene::new();
     for extension in ["stl", "obj", "off"] {
