@@ -17,8 +17,9 @@ use crate::SpineError;
 
 /// A triangle surface with a k-d tree over its vertices.
 ///
-/// The closest point is searched on the triangles around the nearest vertices: exact where
-/// triangles are of even size, as on surfaces from a CT, and never farther than those vertices.
+/// The closest point is searched on the triangles around the nearest vertex: nearly always exact
+/// where triangles are of even size, as on surfaces from a CT (tested against all triangles), and
+/// never farther than that vertex.
 #[derive(Debug)]
 pub(crate) struct BoneSurface {
     vertices: Vec<Point3<f64>>,
@@ -106,6 +107,16 @@ impl BoneSurface {
             .sqrt()
     }
 
+    /// Distance to the surface of a point outside, 0 for a point in the bone.
+    pub(crate) fn distance_outside_mm(&self, point: &Point3<f64>) -> f64 {
+        let hit = self.closest(point);
+        if (point - hit.point).dot(&hit.normal) < 0.0 {
+            0.0
+        } else {
+            hit.distance_mm
+        }
+    }
+
     fn closest_around(&self, vertex: u32, point: &Point3<f64>) -> (f64, Point3<f64>, Vector3<f64>) {
         let v = vertex as usize;
         let position = self.vertices[v];
@@ -191,7 +202,42 @@ fn closest_barycentric(p: &Point3<f64>, [a, b, c]: &[Point3<f64>; 3]) -> [f64; 3
 
 #[cfg(test)]
 mod tests {
+    use pedicle_mesh::SurfaceIndex;
+    use pedicle_simulation::{MeshingOptions, PhantomParameters, generate_phantom};
+
     use super::*;
+
+    #[test]
+    fn the_closest_point_is_that_of_all_triangles_to_a_small_share_of_the_distance() {
+        let phantom =
+            generate_phantom(&PhantomParameters::default(), &MeshingOptions::default()).unwrap();
+        let mesh = &phantom.vertebrae[2].mesh;
+        let bone = BoneSurface::new(mesh).unwrap();
+        let exact = SurfaceIndex::new(mesh).unwrap();
+        let (mut n_inexact, mut n, mut worst) = (0, 0, 0.0);
+        for (v, normal) in mesh.vertex_normals().iter().enumerate() {
+            for offset_mm in [-3.0, -1.0, -0.1, 0.0, 0.1, 1.0, 3.0] {
+                // A fixed sideways step leaves the vertices.
+                let p = mesh.vertices()[v] + normal * offset_mm + Vector3::new(0.4, -0.3, 0.2);
+                let excess = bone.closest(&p).distance_mm - exact.closest_point(&p).distance_mm;
+                assert!(
+                    excess > -1e-9,
+                    "nearer than the nearest point by {excess} mm"
+                );
+                n += 1;
+                n_inexact += usize::from(excess > 1e-6);
+                worst = if excess > worst { excess } else { worst };
+            }
+        }
+        assert!(
+            n_inexact * 50 < n,
+            "{n_inexact} of {n} points miss the nearest triangle"
+        );
+        assert!(
+            worst < 0.3,
+            "a point is {worst} mm farther than the nearest triangle"
+        );
+    }
 
     #[test]
     fn closest_point_of_a_triangle_in_every_region() {

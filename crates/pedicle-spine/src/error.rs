@@ -75,6 +75,27 @@ pub enum SpineError {
         /// Largest distance allowed.
         max_distance_mm: f64,
     },
+    /// A setting that makes no sense.
+    #[error("the option {name} is {value}, but it must be positive and finite")]
+    InvalidOption {
+        /// Its name.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// The source is no spine in millimetres.
+    #[error(
+        "the source spine is {source_mm:.3} mm long, but five lumbar vertebrae are {min_mm:.0} to \
+         {max_mm:.0} mm long: are its coordinates in millimetres?"
+    )]
+    SourceSize {
+        /// Diagonal of the source's bounding box.
+        source_mm: f64,
+        /// Shortest accepted.
+        min_mm: f64,
+        /// Longest accepted.
+        max_mm: f64,
+    },
     /// A plan without trajectories.
     #[error("the plan has no trajectories")]
     EmptyPlan,
@@ -148,14 +169,6 @@ pub enum SpineError {
     /// The functional map could not be computed.
     #[error("the functional map could not be computed: {0}")]
     Map(#[from] pedicle_fmap::FmapError),
-    /// A registration failed.
-    #[error("the registration of {level} failed: {error}")]
-    Registration {
-        /// The level.
-        level: Level,
-        /// Why.
-        error: pedicle_registration::RegistrationError,
-    },
     /// The anatomy of the source could not be read from its shape.
     #[error("the anatomy of the source spine could not be read: {0}")]
     Anatomy(#[from] pedicle_trajectory::AnatomyError),

@@ -2,7 +2,9 @@
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::{Isometry3, Point3};
-use pedicle_registration::{PoseCovariance, RefineOptions, Refinement, refine_on_surface};
+use pedicle_registration::{
+    PoseCovariance, ReferenceSurface, RefineOptions, Refinement, refine_on_surface,
+};
 
 use crate::SpineError;
 use crate::bone::BoneSurface;
@@ -15,6 +17,13 @@ const ROUNDS: usize = 3;
 const GATE_IN_SIGMA: f64 = 5.0;
 /// Smallest gate of the first round and bounds of the later ones, mm.
 const GATE_MM: (f64, f64) = (4.0, 10.0);
+/// A point counts as explained within this many standard deviations of the noise, and this much
+/// more: surfaces of different triangulation do not coincide.
+const EXPLAINED_IN_SIGMA: f64 = 3.0;
+/// The same, mm.
+const EXPLAINED_FLOOR_MM: f64 = 0.5;
+/// Points farther than this from every vertebra belong to none, mm.
+const NEAR_MM: f64 = 20.0;
 /// A loose piece belongs to one vertebra if this share of its points does.
 const PIECE_MAJORITY: f64 = 0.9;
 
@@ -24,13 +33,25 @@ pub(crate) struct Fit {
     pub(crate) target_from_source: Isometry3<f64>,
     /// None if there were too few points to fit anything.
     pub(crate) refinement: Option<Refinement>,
+    /// About the vertebra's centroid in the target frame.
     pub(crate) covariance: Option<PoseCovariance>,
     pub(crate) n_points: usize,
-    /// Share of the vertebra's points that lie on its surface within the noise.
+    /// Share of the target points nearest to this vertebra that lie on it within the noise of
+    /// the whole target.
     pub(crate) explained_share: f64,
-    /// Share of the vertebra's whole and posterior surface that the target shows.
+    /// Share of the vertebra's whole and posterior surface that its own points show.
     pub(crate) coverage: f64,
     pub(crate) posterior_coverage: f64,
+}
+
+/// The final fit of all vertebrae.
+#[derive(Debug, Clone)]
+pub(crate) struct SpineFit {
+    pub(crate) fits: Vec<Fit>,
+    /// Median over the vertebrae of the noise, mm; NaN if nothing was fitted.
+    pub(crate) noise_mm: f64,
+    /// Share of the target points that no vertebra explains.
+    pub(crate) unexplained_share: f64,
 }
 
 /// The target's points and the loose pieces they belong to.
@@ -45,7 +66,7 @@ pub(crate) fn finish(
     vertebrae: &[Vertebra],
     target: &FinePoints,
     poses: &[Isometry3<f64>],
-) -> Result<Vec<Fit>, SpineError> {
+) -> Result<SpineFit, SpineError> {
     let bones: Vec<&BoneSurface> = vertebrae.iter().map(|v| &v.bone).collect();
     let mut poses = poses.to_vec();
     let mut gate_mm = GATE_MM.0;
@@ -55,61 +76,163 @@ pub(crate) fn finish(
         let mut owners = ScoreTable::new(&bones, &poses, &target.points, gate_mm).owners();
         settle_pieces(&mut owners, target, vertebrae.len());
         lists = points_of(&owners, vertebrae.len());
-        let mut noise_mm = 0.0;
         for (v, own) in lists.iter().enumerate() {
-            let points: Vec<Point3<f64>> = own.iter().map(|&p| target.points[p as usize]).collect();
             let options = RefineOptions {
                 max_distance_mm: gate_mm,
                 start_distance_mm: None,
                 ..RefineOptions::default()
             };
+            let points = select(&target.points, own);
+            // Too few points or a degenerate patch: there is no fit, and the verdict says so.
             refinements[v] =
                 refine_on_surface(&vertebrae[v].bone, &points, &poses[v], &options).ok();
             if let Some(fit) = &refinements[v] {
                 poses[v] = fit.target_from_source;
-                if fit.noise_mm > noise_mm {
-                    noise_mm = fit.noise_mm;
-                }
             }
         }
-        gate_mm = (GATE_IN_SIGMA * noise_mm).clamp(GATE_MM.0, GATE_MM.1);
+        let noise_mm = median_noise(&refinements);
+        if noise_mm.is_finite() {
+            gate_mm = (GATE_IN_SIGMA * noise_mm).clamp(GATE_MM.0, GATE_MM.1);
+        }
     }
 
-    let coordinates: Vec<[f64; 3]> = target.points.iter().map(|p| [p.x, p.y, p.z]).collect();
+    let noise_mm = median_noise(&refinements);
+    let explained = Explained::count(&bones, &poses, &target.points, noise_mm);
+    let mut fits = Vec::with_capacity(vertebrae.len());
+    for (v, vertebra) in vertebrae.iter().enumerate() {
+        let refinement = refinements[v].take();
+        let own = select(&target.points, &lists[v]);
+        let shown = shown_samples(vertebra, &poses[v], &own, noise_mm)?;
+        let posterior = shown
+            .iter()
+            .zip(&vertebra.is_posterior)
+            .filter(|(_, back)| **back);
+        let centroid = poses[v] * vertebra.bone.centroid();
+        fits.push(Fit {
+            target_from_source: poses[v],
+            covariance: refinement
+                .as_ref()
+                .map(|fit| fit.covariance.about(&centroid)),
+            n_points: own.len(),
+            explained_share: explained.share_of(v),
+            coverage: share(shown.iter().copied()),
+            posterior_coverage: share(posterior.map(|(shown, _)| *shown)),
+            refinement,
+        });
+    }
+    Ok(SpineFit {
+        fits,
+        noise_mm,
+        unexplained_share: explained.unexplained_share(),
+    })
+}
+
+fn select(points: &[Point3<f64>], chosen: &[u32]) -> Vec<Point3<f64>> {
+    chosen.iter().map(|&p| points[p as usize]).collect()
+}
+
+fn median_noise(refinements: &[Option<Refinement>]) -> f64 {
+    let mut noise: Vec<f64> = refinements
+        .iter()
+        .flatten()
+        .map(|fit| fit.noise_mm)
+        .collect();
+    noise.sort_by(f64::total_cmp);
+    noise.get(noise.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
+/// Which target points lie on the vertebra nearest to them.
+struct Explained {
+    n_near: Vec<usize>,
+    n_explained: Vec<usize>,
+    n_points: usize,
+}
+
+impl Explained {
+    /// A point belongs to the vertebra nearest to it, however far; it is explained within three
+    /// standard deviations of the noise of the whole target.
+    fn count(
+        bones: &[&BoneSurface],
+        poses: &[Isometry3<f64>],
+        points: &[Point3<f64>],
+        noise_mm: f64,
+    ) -> Self {
+        let limit_mm = EXPLAINED_FLOOR_MM + EXPLAINED_IN_SIGMA * noise_mm;
+        let mut counts = Self {
+            n_near: vec![0; bones.len()],
+            n_explained: vec![0; bones.len()],
+            n_points: 0,
+        };
+        counts.n_points = points.len();
+        let inverses: Vec<Isometry3<f64>> = poses.iter().map(Isometry3::inverse).collect();
+        for point in points {
+            let mut nearest = (NEAR_MM, None);
+            for (v, (bone, inverse)) in bones.iter().zip(&inverses).enumerate() {
+                let local = inverse * point;
+                if (local - bone.centroid()).norm() > bone.radius_mm() + nearest.0 {
+                    continue;
+                }
+                let distance = bone.closest(&local).distance_mm;
+                if distance < nearest.0 {
+                    nearest = (distance, Some(v));
+                }
+            }
+            if let (distance, Some(v)) = nearest {
+                counts.n_near[v] += 1;
+                counts.n_explained[v] += usize::from(distance <= limit_mm);
+            }
+        }
+        counts
+    }
+
+    fn share_of(&self, v: usize) -> f64 {
+        if self.n_near[v] == 0 {
+            0.0
+        } else {
+            self.n_explained[v] as f64 / self.n_near[v] as f64
+        }
+    }
+
+    fn unexplained_share(&self) -> f64 {
+        let explained: usize = self.n_explained.iter().sum();
+        1.0 - explained as f64 / self.n_points.max(1) as f64
+    }
+}
+
+/// Which of the vertebra's samples have one of its own points beside them.
+fn shown_samples(
+    vertebra: &Vertebra,
+    pose: &Isometry3<f64>,
+    own: &[Point3<f64>],
+    noise_mm: f64,
+) -> Result<Vec<bool>, SpineError> {
+    if own.is_empty() {
+        return Ok(vec![false; vertebra.samples.len()]);
+    }
+    let coordinates: Vec<[f64; 3]> = own.iter().map(|p| [p.x, p.y, p.z]).collect();
     let tree = ImmutableKdTree::new_from_slice(&coordinates).map_err(|e| SpineError::Index {
         reason: format!("{e:?}"),
     })?;
-    let spacing_mm = spacing(vertebrae);
-    Ok((0..vertebrae.len())
-        .map(|v| {
-            let refinement = refinements[v].take();
-            let noise_mm = refinement.as_ref().map_or(0.0, |fit| fit.noise_mm);
-            let seen = |p: &Point3<f64>| {
-                let q = poses[v] * p;
-                let squared = tree
-                    .query(&[q.x, q.y, q.z])
-                    .nearest_one::<SquaredEuclidean<f64>>()
-                    .execute()
-                    .distance;
-                squared.sqrt() <= spacing_mm[v] + 3.0 * noise_mm
-            };
-            let vertebra = &vertebrae[v];
-            let shown: Vec<bool> = vertebra.samples.iter().map(seen).collect();
-            let posterior = shown
-                .iter()
-                .zip(&vertebra.is_posterior)
-                .filter(|(_, back)| **back);
-            Fit {
-                target_from_source: poses[v],
-                covariance: refinement.as_ref().map(|fit| fit.covariance),
-                n_points: lists[v].len(),
-                explained_share: refinement.as_ref().map_or(0.0, |fit| {
-                    fit.n_inliers as f64 / lists[v].len().max(1) as f64
-                }),
-                coverage: share(shown.iter().copied()),
-                posterior_coverage: share(posterior.map(|(shown, _)| *shown)),
-                refinement,
-            }
+    let spacing_mm = spacing(vertebra);
+    // Noise widens the circle, but not without end: or everything would count as seen.
+    let widened = 2.0 * noise_mm;
+    let reach_mm = spacing_mm
+        + if widened < spacing_mm {
+            widened
+        } else {
+            spacing_mm
+        };
+    Ok(vertebra
+        .samples
+        .iter()
+        .map(|p| {
+            let q = pose * p;
+            let query = [q.x, q.y, q.z];
+            let nearest = tree
+                .query(&query)
+                .nearest_one::<SquaredEuclidean<f64>>()
+                .execute();
+            nearest.distance.sqrt() <= reach_mm
         })
         .collect())
 }
@@ -139,17 +262,11 @@ fn settle_pieces(owners: &mut [u8], target: &FinePoints, n_vertebrae: usize) {
     }
 }
 
-/// Typical distance between neighbouring samples of each vertebra.
-fn spacing(vertebrae: &[Vertebra]) -> Vec<f64> {
-    vertebrae
-        .iter()
-        .map(|v| {
-            let n = v.samples.len().max(1) as f64;
-            // n samples share the area: each stands for a disc, and a target of about the same
-            // density has a point within its diameter.
-            2.0 * (v.area_mm2 / (n * std::f64::consts::PI)).sqrt()
-        })
-        .collect()
+/// Typical distance between neighbouring samples: n of them share the area, each stands for a
+/// disc, and a target of about the same density has a point within its diameter.
+fn spacing(vertebra: &Vertebra) -> f64 {
+    let n = vertebra.samples.len().max(1) as f64;
+    2.0 * (vertebra.area_mm2 / (n * std::f64::consts::PI)).sqrt()
 }
 
 fn share(flags: impl Iterator<Item = bool>) -> f64 {

@@ -30,6 +30,8 @@ pub enum Origin {
     },
     /// The pose of a neighbouring vertebra.
     Neighbour,
+    /// The whole spine one level up or down from the landmarks.
+    LevelShift,
 }
 
 impl std::fmt::Display for Origin {
@@ -41,6 +43,7 @@ impl std::fmt::Display for Origin {
                 write!(f, "landmark line turned {:.0}°", turn_rad.to_degrees())
             }
             Self::Neighbour => f.write_str("neighbour's pose"),
+            Self::LevelShift => f.write_str("levels shifted by one"),
         }
     }
 }

@@ -19,7 +19,7 @@
 //! use pedicle_simulation::{
 //!     Deformation, MeshingOptions, PhantomParameters, Scenario, generate_phantom, simulate,
 //! };
-//! use pedicle_spine::{SourceVertebra, SpineModel, Target, TransferOptions, transfer};
+//! use pedicle_spine::{MapOptions, SourceVertebra, SpineModel, Target, TransferOptions, transfer};
 //!
 //! // A source spine with its plan and landmarks, here a phantom.
 //! let phantom = generate_phantom(&PhantomParameters::default(), &MeshingOptions::default())?;
@@ -28,8 +28,7 @@
 //!     .iter()
 //!     .map(|v| SourceVertebra { level: v.level, surface: v.mesh.clone() })
 //!     .collect();
-//! let options = TransferOptions::default();
-//! let model = SpineModel::new(source, &phantom.landmarks(), &options.map)?;
+//! let model = SpineModel::new(source, &phantom.landmarks(), &MapOptions::default())?;
 //!
 //! // What a sensor sees of it, here simulated: the posterior half with 0.5 mm of noise.
 //! let scenario =
@@ -37,7 +36,7 @@
 //! let simulated = simulate(&phantom.spine_case(3500)?, &scenario)?;
 //! let target = Target { surface: simulated.mesh, landmarks: simulated.target_landmarks };
 //!
-//! let result = transfer(&model, &phantom.plan(), &target, &options)?;
+//! let result = transfer(&model, &phantom.plan(), &target, &TransferOptions::default())?;
 //! assert!(result.all_accepted());
 //! for vertebra in &result.vertebrae {
 //!     assert!(vertebra.noise_mm < 0.7, "the noise is estimated from the residuals");
@@ -64,7 +63,7 @@ pub use map::{MapReport, View};
 pub use model::{MAX_LANDMARK_DISTANCE_MM, MAX_PLAN_DISTANCE_MM, SourceVertebra, SpineModel};
 pub use options::{MapOptions, SearchOptions, TransferOptions, VerdictOptions};
 pub use transfer::{
-    Stage, Target, Transfer, TransferredTrajectory, VertebraTransfer, transfer,
+    Stage, Target, TargetChanges, Transfer, TransferredTrajectory, VertebraTransfer, transfer,
     transfer_with_progress,
 };
 pub use verdict::Rejection;

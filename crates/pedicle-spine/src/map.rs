@@ -3,7 +3,7 @@
 //! descriptors A, B → C = argmin E(C) → ZoomOut → BCICP → point map → MSAC per vertebra.
 
 use faer::Mat;
-use nalgebra::Point3;
+use nalgebra::{Isometry3, Point3};
 use pedicle_descriptors::{
     HeatTimes, WaveEnergies, concatenate_columns, heat_kernel_from_landmark, heat_kernel_signature,
     normalize_columns, wave_kernel_from_landmark, wave_kernel_signature,
@@ -15,7 +15,7 @@ use pedicle_spectral::LaplaceBasis;
 use crate::map_shape::MapShape;
 use crate::model::{SourceView, SpineModel};
 use crate::scoring::Poses;
-use crate::{SearchOptions, SpineError, TransferOptions};
+use crate::{MapOptions, SearchOptions, SpineError, TransferOptions};
 
 /// What the map was compared with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -39,6 +39,9 @@ pub struct MapReport {
     pub n_mapped: Vec<usize>,
     /// For each vertebra the share of them that one rigid motion explains (MSAC inliers).
     pub inlier_share: Vec<f64>,
+    /// For each vertebra the pose `target_from_source` of MSAC, before any refinement; none if
+    /// there was no consensus.
+    pub poses: Vec<Option<Isometry3<f64>>>,
 }
 
 /// The poses of all vertebrae by the map, if it gave one for each.
@@ -64,7 +67,7 @@ pub(crate) fn map_poses(
     target_landmarks: &[Point3<f64>],
     options: &TransferOptions,
 ) -> Result<MapResult, SpineError> {
-    let view = choose_view(model, target, options.map.whole_area_share);
+    let view = choose_view(model, target, model.map_options.whole_area_share);
     let source = match view {
         View::Whole => &model.whole,
         View::Posterior => &model.posterior,
@@ -75,7 +78,7 @@ pub(crate) fn map_poses(
         target,
         &source_landmarks,
         target_landmarks,
-        options,
+        &model.map_options,
     )?;
     let source_shape = pedicle_fmap::Shape {
         mesh: &source.shape.mesh,
@@ -88,9 +91,9 @@ pub(crate) fn map_poses(
         descriptors: &target_functions,
     };
     let fit_options = FitOptions {
-        n_source: options.map.n_fit,
-        n_target: options.map.n_fit,
-        weights: options.map.weights,
+        n_source: model.map_options.n_fit,
+        n_target: model.map_options.n_fit,
+        weights: model.map_options.weights,
         ..FitOptions::default()
     };
     let first = fit(&source_shape, &target_shape, &fit_options)?;
@@ -98,13 +101,13 @@ pub(crate) fn map_poses(
         &source.shape.basis,
         &target.basis,
         &first.map,
-        &options.map.zoomout,
+        &model.map_options.zoomout,
     )?;
     let refined = bcicp(
         &source_shape,
         &target_shape,
         &zoomed.map,
-        &options.map.bcicp,
+        &model.map_options.bcicp,
     )?;
     let point_map = &refined.target_to_source;
 
@@ -117,6 +120,7 @@ pub(crate) fn map_poses(
             coverage: coverage(point_map, &source.shape.basis.mass)?,
             n_mapped: estimate.n_mapped,
             inlier_share: estimate.inlier_share,
+            poses: estimate.found,
         },
     })
 }
@@ -126,13 +130,13 @@ fn descriptors(
     target: &MapShape,
     source_landmarks: &[Point3<f64>],
     target_landmarks: &[Point3<f64>],
-    options: &TransferOptions,
+    options: &MapOptions,
 ) -> Result<(Mat<f64>, Mat<f64>), SpineError> {
     // One range for both shapes, or the columns mean different things on each.
-    let energies = WaveEnergies::joint(&source.basis, &target.basis, options.map.n_wave)?;
+    let energies = WaveEnergies::joint(&source.basis, &target.basis, options.n_wave)?;
     let landmark_energies =
-        WaveEnergies::joint(&source.basis, &target.basis, options.map.n_landmark_wave)?;
-    let times = HeatTimes::joint(&source.basis, &target.basis, options.map.n_heat)?;
+        WaveEnergies::joint(&source.basis, &target.basis, options.n_landmark_wave)?;
+    let times = HeatTimes::joint(&source.basis, &target.basis, options.n_heat)?;
     let of = |shape: &MapShape, landmarks: &[Point3<f64>]| -> Result<Mat<f64>, SpineError> {
         let basis: &LaplaceBasis = &shape.basis;
         let mut parts = vec![
@@ -168,6 +172,8 @@ fn nearest_vertex(shape: &MapShape, point: &Point3<f64>) -> usize {
 type Pairs = (Vec<Point3<f64>>, Vec<Point3<f64>>);
 
 struct Estimate {
+    found: Vec<Option<Isometry3<f64>>>,
+    /// One for every vertebra, borrowed from the nearest one where there was none.
     poses: Option<Poses>,
     n_mapped: Vec<usize>,
     inlier_share: Vec<f64>,
@@ -210,16 +216,16 @@ fn poses_from_pairs(
             }
         }
     }
-    let poses = fill_from_neighbours(poses);
     Estimate {
-        poses,
+        poses: fill_from_neighbours(&poses),
+        found: poses,
         n_mapped: pairs.iter().map(|(from, _)| from.len()).collect(),
         inlier_share,
     }
 }
 
 /// A vertebra without a pose starts from the nearest one that has one.
-fn fill_from_neighbours(poses: Vec<Option<nalgebra::Isometry3<f64>>>) -> Option<Poses> {
+fn fill_from_neighbours(poses: &[Option<Isometry3<f64>>]) -> Option<Poses> {
     let known: Vec<usize> = (0..poses.len()).filter(|&v| poses[v].is_some()).collect();
     (0..poses.len())
         .map(|v| {

@@ -1,7 +1,9 @@
 //! A surface as the functional map sees it: simplified, with its Laplace basis.
 
 use pedicle_laplacian::{OperatorOptions, cotangent_operators};
-use pedicle_mesh::{RepairOptions, SimplifyOptions, TriMesh, repair, simplify};
+use pedicle_mesh::{
+    RepairOptions, RepairReport, SimplifyOptions, Spacing, TriMesh, repair, simplify,
+};
 use pedicle_spectral::{EigenOptions, LaplaceBasis, laplace_basis};
 
 use crate::{MapOptions, Shape, SpineError};
@@ -28,10 +30,8 @@ pub(crate) struct MapShape {
 }
 
 /// Removes what no operator can live with: degenerate and doubled faces, unreferenced vertices.
-pub(crate) fn clean(mesh: &TriMesh, shape: Shape) -> Result<TriMesh, SpineError> {
-    let (mesh, _) = repair(mesh, &RepairOptions::default())
-        .map_err(|error| SpineError::Mesh { shape, error })?;
-    Ok(mesh)
+pub(crate) fn clean(mesh: &TriMesh, shape: Shape) -> Result<(TriMesh, RepairReport), SpineError> {
+    repair(mesh, &RepairOptions::default()).map_err(|error| SpineError::Mesh { shape, error })
 }
 
 /// A surface simplified for the map, or as it is if it is small already.
@@ -48,7 +48,11 @@ pub(crate) fn simplified(
             original_vertex,
         });
     }
-    let simple = simplify(mesh, options.n_faces, &SimplifyOptions::default())
+    let simplification = SimplifyOptions {
+        spacing: Spacing::Adaptive,
+        ..SimplifyOptions::default()
+    };
+    let simple = simplify(mesh, options.n_faces, &simplification)
         .map_err(|error| SpineError::Mesh { shape, error })?;
     Ok(MapMesh {
         mesh: simple.mesh,

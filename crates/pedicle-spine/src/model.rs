@@ -14,6 +14,10 @@ pub const MAX_LANDMARK_DISTANCE_MM: f64 = 50.0;
 /// millimetres above the bone; a neighbour's vertebra is some 35 mm away.
 pub const MAX_PLAN_DISTANCE_MM: f64 = 15.0;
 
+/// Diagonals of the bounding boxes of five lumbar vertebrae, mm, from a small child's spine to
+/// the tallest, with room for oblique frames.
+const SOURCE_SIZE_MM: (f64, f64) = (80.0, 600.0);
+
 /// One vertebra as it comes from the CT.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SourceVertebra {
@@ -46,6 +50,7 @@ pub struct SpineModel {
     pub(crate) whole: SourceView,
     pub(crate) posterior: SourceView,
     pub(crate) diagonal_mm: f64,
+    pub(crate) map_options: MapOptions,
 }
 
 /// The source as the map sees it: all of it, or what a posterior approach exposes.
@@ -67,9 +72,10 @@ impl SpineModel {
         landmarks: &Landmarks,
         options: &MapOptions,
     ) -> Result<Self, SpineError> {
+        options.check()?;
         let mut vertebrae = sorted_by_level(vertebrae)?;
         for vertebra in &mut vertebrae {
-            vertebra.surface = clean(&vertebra.surface, Shape::Source)?;
+            vertebra.surface = clean(&vertebra.surface, Shape::Source)?.0;
         }
         let landmark_points = landmarks_by_level(landmarks, Shape::Source)?;
         let pairs: Vec<(Level, &TriMesh)> =
@@ -79,6 +85,14 @@ impl SpineModel {
         let surfaces: Vec<&TriMesh> = vertebrae.iter().map(|v| &v.surface).collect();
         let spine = concatenate(&surfaces).map_err(mesh_error)?;
         let (low, high) = spine.bounding_box();
+        let diagonal_mm = (high - low).norm();
+        if !(SOURCE_SIZE_MM.0..=SOURCE_SIZE_MM.1).contains(&diagonal_mm) {
+            return Err(SpineError::SourceSize {
+                source_mm: diagonal_mm,
+                min_mm: SOURCE_SIZE_MM.0,
+                max_mm: SOURCE_SIZE_MM.1,
+            });
+        }
         let starts: Vec<usize> = surfaces
             .iter()
             .scan(0, |sum, mesh| {
@@ -147,7 +161,8 @@ impl SpineModel {
             vertebrae: prepared,
             whole,
             posterior,
-            diagonal_mm: (high - low).norm(),
+            diagonal_mm,
+            map_options: options.clone(),
         })
     }
 
@@ -176,7 +191,7 @@ impl SpineModel {
             let (entry, tip) = (trajectory.entry_mm, trajectory.tip_mm);
             let distance_mm = [entry, nalgebra::center(&entry, &tip), tip]
                 .iter()
-                .map(|p| bone.vertex_distance_mm(p))
+                .map(|p| bone.distance_outside_mm(p))
                 .fold(0.0, |worst, d| if d > worst { d } else { worst });
             if distance_mm > MAX_PLAN_DISTANCE_MM || distance_mm.is_nan() {
                 return Err(SpineError::PlanOffSpine {

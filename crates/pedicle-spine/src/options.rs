@@ -3,6 +3,8 @@
 use pedicle_fmap::{BcicpOptions, EnergyWeights, ZoomOutOptions};
 use pedicle_registration::MsacOptions;
 
+use crate::SpineError;
+
 /// Settings of the functional map between the spines.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MapOptions {
@@ -68,6 +70,15 @@ pub struct VerdictOptions {
     /// Largest standard deviation of its orientation, rad. Default 0.031 (1.8°): four of them
     /// stay within the published margin of 7.1°.
     pub max_rotation_std_rad: f64,
+    /// Largest standard deviation of the entry or tip of a planned screw, mm. Default 1.
+    pub max_screw_std_mm: f64,
+    /// Largest share of the target that may belong to no vertebra. Default 0.1.
+    pub max_unexplained_share: f64,
+    /// How much worse the target must be explained once all levels are shifted by one, relative
+    /// to the result. Default 0.08.
+    pub min_level_margin: f64,
+    /// Largest change of the distance between the centroids of neighbours, mm. Default 12.
+    pub max_neighbour_shift_mm: f64,
     /// Largest turn of a vertebra relative to its neighbour, compared with the source, rad.
     /// Default 0.52 (30°): lumbar segments move by less than 20° in any direction
     /// (White & Panjabi 1990, table 2-6).
@@ -79,17 +90,50 @@ pub struct VerdictOptions {
     pub min_alternative_margin: f64,
 }
 
-/// All settings of a transfer.
+/// Settings of a transfer; those of the map belong to the [`SpineModel`](crate::SpineModel).
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TransferOptions {
-    /// Functional map.
-    pub map: MapOptions,
     /// Poses.
     pub search: SearchOptions,
     /// Verdict.
     pub verdict: VerdictOptions,
     /// Seed of everything random.
     pub seed: u64,
+}
+
+impl MapOptions {
+    /// Whether the settings make sense.
+    pub(crate) fn check(&self) -> Result<(), SpineError> {
+        positive("n_faces", self.n_faces as f64)?;
+        positive("n_functions", self.n_functions as f64)?;
+        positive("n_fit", self.n_fit as f64)?;
+        positive("n_wave", self.n_wave as f64)?;
+        positive("n_landmark_wave", self.n_landmark_wave as f64)?;
+        positive("n_heat", self.n_heat as f64)?;
+        positive("whole_area_share", self.whole_area_share)
+    }
+}
+
+impl TransferOptions {
+    /// Whether the settings make sense.
+    pub(crate) fn check(&self) -> Result<(), SpineError> {
+        let search = &self.search;
+        positive("number of gates_mm", search.gates_mm.len() as f64)?;
+        for &gate in &search.gates_mm {
+            positive("gates_mm", gate)?;
+        }
+        positive("truncation_mm", search.truncation_mm)?;
+        positive("n_turns", search.n_turns as f64)?;
+        positive("n_coarse_points", search.n_coarse_points as f64)?;
+        positive("n_fine_points", search.n_fine_points as f64)
+    }
+}
+
+fn positive(name: &'static str, value: f64) -> Result<(), SpineError> {
+    if value > 0.0 && value.is_finite() {
+        return Ok(());
+    }
+    Err(SpineError::InvalidOption { name, value })
 }
 
 impl Default for SearchOptions {
@@ -119,6 +163,10 @@ impl Default for VerdictOptions {
             max_noise_mm: 2.5,
             max_translation_std_mm: 0.6,
             max_rotation_std_rad: 0.031,
+            max_screw_std_mm: 1.0,
+            max_unexplained_share: 0.1,
+            min_level_margin: 0.08,
+            max_neighbour_shift_mm: 12.0,
             max_neighbour_turn_rad: 0.52,
             max_landmark_distance_mm: 15.0,
             min_alternative_margin: 0.08,

@@ -11,11 +11,11 @@
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion};
 use pedicle_registration::{RefineOptions, pose_error, refine_on_surface};
 
+use crate::SearchOptions;
 use crate::bone::BoneSurface;
 use crate::hypotheses::{Configuration, Origin};
 use crate::model::Vertebra;
 use crate::scoring::{ScoreTable, UNASSIGNED, points_of};
-use crate::{SearchOptions, SpineError};
 
 /// Fewest points that a vertebra is fitted to in the search.
 const MIN_POINTS: usize = 12;
@@ -27,6 +27,14 @@ const STEPS_FOR_ALTERNATIVE: usize = 8;
 const POINTS_FOR_ALTERNATIVE: usize = 90;
 /// Rounds after which the worse starts are dropped.
 const QUALIFYING_ROUNDS: usize = 2;
+/// The last rounds of the schedule that a configuration shifted by a level goes through.
+const SHIFT_ROUNDS: usize = 3;
+/// Lumbar centroids are 30 to 45 mm apart.
+const HALF_A_LEVEL_MM: f64 = 15.0;
+/// Gate of the last fit from another pose, in truncation distances.
+const GATE_IN_TRUNCATIONS: f64 = 1.5;
+/// A pose is replaced only for a gain beyond rounding.
+const MIN_IMPROVEMENT: f64 = 1e-9;
 /// Poses closer than this are the same hypothesis.
 const DISTINCT_MM: f64 = 5.0;
 /// The same for the angle (about 12°).
@@ -41,6 +49,9 @@ pub(crate) struct Found {
     /// For each vertebra, the share by which the best clearly different pose explains its points
     /// worse than the pose kept; 1 if nothing else explains any.
     pub(crate) alternative_margins: Vec<f64>,
+    /// The share by which the target is explained worse once every vertebra takes the place of
+    /// its neighbour, above or below, whichever is better.
+    pub(crate) level_margin: f64,
 }
 
 /// The search over one target.
@@ -48,6 +59,14 @@ pub(crate) struct Search<'a> {
     vertebrae: &'a [Vertebra],
     points: &'a [Point3<f64>],
     options: &'a SearchOptions,
+}
+
+/// Another pose for one vertebra.
+struct Candidate {
+    origin: Origin,
+    pose: Isometry3<f64>,
+    column: Vec<f64>,
+    total: f64,
 }
 
 impl<'a> Search<'a> {
@@ -63,22 +82,44 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Runs both steps.
-    pub(crate) fn run(&self, starts: Vec<Configuration>) -> Result<Found, SpineError> {
+    /// Runs both steps. There must be a start and a gate.
+    pub(crate) fn run(&self, starts: Vec<Configuration>) -> Found {
         let gates = &self.options.gates_mm;
         let qualifying = &gates[..QUALIFYING_ROUNDS.min(gates.len())];
         let mut configurations = starts;
         for configuration in &mut configurations {
-            self.refine_rounds(configuration, qualifying)?;
+            self.refine_rounds(configuration, qualifying);
         }
         sort_by_score(&mut configurations);
         let n_finalists = self.options.n_finalists.max(1).min(configurations.len());
         for configuration in &mut configurations[..n_finalists] {
-            self.refine_rounds(configuration, &gates[qualifying.len()..])?;
+            self.refine_rounds(configuration, &gates[qualifying.len()..]);
         }
         sort_by_score(&mut configurations[..n_finalists]);
-        let best = configurations[0].clone();
-        self.mix(best, &configurations)
+
+        let mut best = configurations[0].clone();
+        // The landmarks may all be one level off: then a shifted configuration explains more.
+        let mut shifted = self.shifted(&best);
+        if let Some(better) = shifted.iter().find(|other| other.score > best.score) {
+            let given = std::mem::replace(&mut best, better.clone());
+            shifted.push(given);
+        }
+        let rival = shifted
+            .iter()
+            .filter(|other| self.is_other_level(other, &best))
+            .map(|other| other.score)
+            .fold(0.0, |most, score| if score > most { score } else { most });
+        let level_margin = if best.score > 0.0 {
+            1.0 - rival / best.score
+        } else {
+            0.0
+        };
+        let (configuration, alternative_margins) = self.mix(best, &configurations);
+        Found {
+            configuration,
+            alternative_margins,
+            level_margin,
+        }
     }
 
     fn table(&self, poses: &[Isometry3<f64>], truncation_mm: f64) -> ScoreTable {
@@ -86,29 +127,29 @@ impl<'a> Search<'a> {
         ScoreTable::new(&bones, poses, self.points, truncation_mm)
     }
 
-    fn refine_rounds(&self, start: &mut Configuration, gates: &[f64]) -> Result<(), SpineError> {
+    fn refine_rounds(&self, start: &mut Configuration, gates: &[f64]) {
         for &gate in gates {
             let owners = self.table(&start.poses, gate).owners();
             for (v, own) in points_of(&owners, self.vertebrae.len()).iter().enumerate() {
-                if let Some(pose) = self.fit(v, own, &start.poses[v], (gate, STEPS_PER_ROUND))? {
+                if let Some(pose) = self.fit(v, own, &start.poses[v], (gate, STEPS_PER_ROUND)) {
                     start.poses[v] = pose;
                 }
             }
         }
         start.score = self.table(&start.poses, self.options.truncation_mm).total();
-        Ok(())
     }
 
-    /// Fits a vertebra to some of the points; none if there are too few.
+    /// Fits a vertebra to some of the points. None if they are too few, or too few of them lie
+    /// within the gate, or their patch of surface can slide on itself.
     fn fit(
         &self,
         v: usize,
         own: &[u32],
         pose: &Isometry3<f64>,
         (gate_mm, max_iterations): (f64, usize),
-    ) -> Result<Option<Isometry3<f64>>, SpineError> {
+    ) -> Option<Isometry3<f64>> {
         if own.len() < MIN_POINTS {
-            return Ok(None);
+            return None;
         }
         let points: Vec<Point3<f64>> = own.iter().map(|&p| self.points[p as usize]).collect();
         let options = RefineOptions {
@@ -117,118 +158,169 @@ impl<'a> Search<'a> {
             max_iterations,
             ..RefineOptions::default()
         };
-        // A start far off may leave too few points within the gate: then there is no fit.
-        Ok(
-            refine_on_surface(&self.vertebrae[v].coarse, &points, pose, &options)
-                .ok()
-                .map(|fit| fit.target_from_source),
-        )
+        let fit = refine_on_surface(&self.vertebrae[v].coarse, &points, pose, &options).ok()?;
+        Some(fit.target_from_source)
     }
 
-    fn mix(&self, mut best: Configuration, all: &[Configuration]) -> Result<Found, SpineError> {
+    /// The configurations in which every vertebra takes the place of the next one, up and down,
+    /// refined. The vertebra at the end moves on by the step of the one before it.
+    fn shifted(&self, best: &Configuration) -> Vec<Configuration> {
+        let n = self.vertebrae.len();
+        let frame = |v: usize| {
+            let f = &self.vertebrae[v].frame;
+            let axes = nalgebra::Matrix3::from_columns(&[f.left, -f.anterior, f.up]);
+            let rotation = nalgebra::Rotation3::from_matrix_unchecked(axes);
+            Isometry3::from_parts(
+                Translation3::from(f.origin.coords),
+                UnitQuaternion::from_rotation_matrix(&rotation),
+            )
+        };
+        let place = |from: usize, to: usize| frame(to) * frame(from).inverse();
+        let gates = &self.options.gates_mm;
+        let last_gates = &gates[gates.len().saturating_sub(SHIFT_ROUNDS)..];
+        [true, false]
+            .into_iter()
+            .map(|down| {
+                let poses = (0..n)
+                    .map(|v| {
+                        let next = if down { v + 1 } else { v.wrapping_sub(1) };
+                        if next < n {
+                            return best.poses[next] * place(v, next);
+                        }
+                        let before = if down {
+                            v.saturating_sub(1)
+                        } else {
+                            (v + 1).min(n - 1)
+                        };
+                        let step = place(before, v);
+                        best.poses[v] * step
+                    })
+                    .collect();
+                let mut shifted = Configuration::new(Origin::LevelShift, poses);
+                self.refine_rounds(&mut shifted, last_gates);
+                shifted
+            })
+            .collect()
+    }
+
+    /// Whether most vertebrae are at least half a level from where they are in another
+    /// configuration: a shifted start may have slipped back.
+    fn is_other_level(&self, a: &Configuration, b: &Configuration) -> bool {
+        let n_moved = (0..self.vertebrae.len())
+            .filter(|&v| {
+                let centroid = self.vertebrae[v].bone.centroid();
+                (a.poses[v] * centroid - b.poses[v] * centroid).norm() > HALF_A_LEVEL_MM
+            })
+            .count();
+        2 * n_moved > self.vertebrae.len()
+    }
+
+    fn mix(&self, mut best: Configuration, all: &[Configuration]) -> (Configuration, Vec<f64>) {
         let mut table = self.table(&best.poses, self.options.truncation_mm);
         let mut margins = vec![1.0; self.vertebrae.len()];
         for _ in 0..self.options.n_sweeps.max(1) {
             let mut changed = false;
             for (v, margin) in margins.iter_mut().enumerate() {
-                let (found, better) = self.challenge(v, &best, all, &mut table)?;
-                *margin = found;
-                if let Some((origin, pose)) = better {
-                    best.origins[v] = origin;
-                    best.poses[v] = pose;
+                let tried = self.candidates(v, &best, all, &table);
+                let total = table.total();
+                let winner = tried
+                    .iter()
+                    .max_by(|a, b| a.total.total_cmp(&b.total))
+                    .filter(|c| c.total > total + MIN_IMPROVEMENT);
+                if let Some(winner) = winner {
+                    best.origins[v] = winner.origin;
+                    best.poses[v] = winner.pose;
+                    table.replace(v, winner.column.clone());
                     changed = true;
                 }
+                *margin = self.margin(v, &best, &tried, &table);
             }
             if !changed {
                 break;
             }
+            // Margins of earlier vertebrae were taken against poses that have changed since;
+            // the next sweep takes them again.
         }
         best.score = table.total();
-        Ok(Found {
-            configuration: best,
-            alternative_margins: margins,
-        })
+        (best, margins)
     }
 
-    /// Tries other poses for one vertebra. Returns the margin over the best clearly different
-    /// one and the pose that replaces the present one, if any does.
-    #[allow(clippy::type_complexity, reason = "a private pair of results")]
-    fn challenge(
+    /// The share by which the best clearly different pose explains a vertebra's points worse.
+    /// Only what the kept pose explains counts: elsewhere are the neighbours.
+    fn margin(
+        &self,
+        v: usize,
+        best: &Configuration,
+        tried: &[Candidate],
+        table: &ScoreTable,
+    ) -> f64 {
+        let own = table.column(&self.vertebrae[v].coarse, &best.poses[v], self.points);
+        let own_sum: f64 = own.iter().sum();
+        if own_sum <= 0.0 {
+            return 0.0;
+        }
+        tried
+            .iter()
+            .filter(|c| self.is_distinct(v, &c.pose, &best.poses[v]))
+            .map(|c| {
+                let both = c
+                    .column
+                    .iter()
+                    .zip(&own)
+                    .map(|(a, b)| if a < b { *a } else { *b });
+                1.0 - both.sum::<f64>() / own_sum
+            })
+            .fold(
+                1.0,
+                |least, margin| if margin < least { margin } else { least },
+            )
+    }
+
+    /// Other poses for one vertebra, refined on the points that no other vertebra claims.
+    fn candidates(
         &self,
         v: usize,
         best: &Configuration,
         all: &[Configuration],
-        table: &mut ScoreTable,
-    ) -> Result<(f64, Option<(Origin, Isometry3<f64>)>), SpineError> {
+        table: &ScoreTable,
+    ) -> Vec<Candidate> {
         let bone = &self.vertebrae[v].coarse;
         let owners = table.owners();
         let claimable: Vec<u32> = (0..self.points.len() as u32)
             .filter(|&p| owners[p as usize] == v as u8 || owners[p as usize] == UNASSIGNED)
             .collect();
+        let middle_gate = self.options.gates_mm[self.options.gates_mm.len() / 2];
         let gates = [
-            self.options.gates_mm[self.options.gates_mm.len() / 2],
-            self.options.truncation_mm * 1.5,
+            middle_gate,
+            GATE_IN_TRUNCATIONS * self.options.truncation_mm,
         ];
-
-        let mut tried: Vec<(Origin, Isometry3<f64>, Vec<f64>, f64)> = Vec::new();
-        for (origin, start) in self.starts(v, best, all) {
-            let mut pose = start;
-            for gate in gates {
-                let reach = bone.radius_mm() + gate;
-                let center = pose * bone.centroid();
-                let near: Vec<u32> = claimable
-                    .iter()
-                    .copied()
-                    .filter(|&p| (self.points[p as usize] - center).norm() <= reach)
-                    .collect();
-                // The points are a random sample already: every n-th is one as well.
-                let stride = near.len().div_ceil(POINTS_FOR_ALTERNATIVE).max(1);
-                let near: Vec<u32> = near.into_iter().step_by(stride).collect();
-                match self.fit(v, &near, &pose, (gate, STEPS_FOR_ALTERNATIVE))? {
-                    Some(refined) => pose = refined,
-                    None => break,
+        self.starts(v, best, all)
+            .into_iter()
+            .map(|(origin, start)| {
+                let mut pose = start;
+                for gate in gates {
+                    let reach = bone.radius_mm() + gate;
+                    let center = pose * bone.centroid();
+                    let mut near = claimable.clone();
+                    near.retain(|&p| (self.points[p as usize] - center).norm() <= reach);
+                    // The points are a random sample already: every n-th is one as well.
+                    let stride = near.len().div_ceil(POINTS_FOR_ALTERNATIVE).max(1);
+                    let near: Vec<u32> = near.into_iter().step_by(stride).collect();
+                    match self.fit(v, &near, &pose, (gate, STEPS_FOR_ALTERNATIVE)) {
+                        Some(refined) => pose = refined,
+                        None => break,
+                    }
                 }
-            }
-            let column = table.column(bone, &pose, self.points);
-            let total = table.total_with(v, &column);
-            tried.push((origin, pose, column, total));
-        }
-
-        let own_column = table.column(bone, &best.poses[v], self.points);
-        let mut kept = (None, best.poses[v], own_column, table.total());
-        for (origin, pose, column, total) in &tried {
-            if *total > kept.3 + 1e-9 {
-                kept = (Some(*origin), *pose, column.clone(), *total);
-            }
-        }
-        let own_sum: f64 = kept.2.iter().sum();
-        let mut margin = 1.0;
-        for (_, pose, column, _) in &tried {
-            if !self.is_distinct(v, pose, &kept.1) {
-                continue;
-            }
-            // Only what the kept pose explains counts: elsewhere are the neighbours.
-            let explained: f64 = column
-                .iter()
-                .zip(&kept.2)
-                .map(|(a, own)| if a < own { *a } else { *own })
-                .sum();
-            let loss = if own_sum > 0.0 {
-                1.0 - explained / own_sum
-            } else {
-                0.0
-            };
-            if loss < margin {
-                margin = loss;
-            }
-        }
-        // Being nearly where it was is an improvement of the fit, not another hypothesis.
-        let replacement = kept.0.map(|origin| {
-            let same = !self.is_distinct(v, &kept.1, &best.poses[v]);
-            (if same { best.origins[v] } else { origin }, kept.1)
-        });
-        table.replace(v, kept.2);
-        Ok((margin, replacement))
+                let column = table.column(bone, &pose, self.points);
+                let total = table.total_with(v, &column);
+                Candidate {
+                    origin,
+                    pose,
+                    column,
+                    total,
+                }
+            })
+            .collect()
     }
 
     fn starts(

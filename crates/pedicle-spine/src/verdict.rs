@@ -1,6 +1,6 @@
 //! Whether the transfer of a vertebra can be vouched for, and if not, why.
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Point3};
 use pedicle_trajectory::Level;
 
 use crate::VerdictOptions;
@@ -29,6 +29,20 @@ pub enum Rejection {
     OrientationUncertain { std_rad: f64, max_rad: f64 },
     /// Another pose explains the target nearly as well.
     Ambiguous { margin: f64, min: f64 },
+    /// The surface seen does not fix where a planned screw goes.
+    ScrewUncertain { std_mm: f64, max_mm: f64 },
+    /// Its points are noisier than those of the other vertebrae: it may be another vertebra.
+    NoisierThanOthers { noise_mm: f64, others_mm: f64 },
+    /// A part of the target belongs to no vertebra: the levels may be shifted.
+    UnexplainedSurface { share: f64, max: f64 },
+    /// With all levels shifted by one the target is explained as well.
+    LevelAmbiguous { margin: f64, min: f64 },
+    /// It is nearer to or farther from its neighbour than a spine allows.
+    SpacedWrongly {
+        neighbour: Level,
+        distance_mm: f64,
+        expected_mm: f64,
+    },
     /// It is turned against its neighbour farther than a spine allows.
     TurnedAgainstNeighbour {
         neighbour: Level,
@@ -91,6 +105,40 @@ impl std::fmt::Display for Rejection {
                 100.0 * margin,
                 100.0 * min
             ),
+            Self::ScrewUncertain { std_mm, max_mm } => write!(
+                f,
+                "the surface seen does not fix where a screw goes (± {std_mm:.2} mm, at most {max_mm:.2} mm)"
+            ),
+            Self::NoisierThanOthers {
+                noise_mm,
+                others_mm,
+            } => write!(
+                f,
+                "its points are noisier than those of the other vertebrae ({noise_mm:.2} mm against \
+                 {others_mm:.2} mm): it may be another vertebra"
+            ),
+            Self::UnexplainedSurface { share, max } => write!(
+                f,
+                "{:.0} % of the target belong to no vertebra of the plan (at most {:.0} %): check the \
+                 levels of the landmarks",
+                100.0 * share,
+                100.0 * max
+            ),
+            Self::LevelAmbiguous { margin, min } => write!(
+                f,
+                "all levels shifted by one fit nearly as well ({:.0} % worse, at least {:.0} % needed): \
+                 check the levels of the landmarks",
+                100.0 * margin,
+                100.0 * min
+            ),
+            Self::SpacedWrongly {
+                neighbour,
+                distance_mm,
+                expected_mm,
+            } => write!(
+                f,
+                "{distance_mm:.0} mm from {neighbour}, in the plan {expected_mm:.0} mm"
+            ),
             Self::TurnedAgainstNeighbour {
                 neighbour,
                 turn_rad,
@@ -119,15 +167,34 @@ pub(crate) struct Evidence {
     pub(crate) posterior_coverage: f64,
     pub(crate) explained_share: f64,
     pub(crate) noise_mm: f64,
-    /// Standard deviations of position and orientation; none if there is no fit.
-    pub(crate) std_mm_rad: Option<(f64, f64)>,
+    /// Median noise of all vertebrae.
+    pub(crate) others_noise_mm: f64,
+    /// Standard deviations; none if there is no fit.
+    pub(crate) deviations: Option<Deviations>,
+    pub(crate) unexplained_share: f64,
+    pub(crate) level_margin: f64,
     pub(crate) alternative_margin: f64,
     pub(crate) landmark_distance_mm: f64,
 }
 
+/// Standard deviations of a pose: of the vertebra's centroid, of its orientation, and of the
+/// worst end of a planned screw.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Deviations {
+    pub(crate) position_mm: f64,
+    pub(crate) orientation_rad: f64,
+    pub(crate) screw_mm: f64,
+}
+
+/// Vertebrae this much noisier than the median may be other vertebrae: a wrong level fits to
+/// about one and a half to three times the noise of the right one.
+const MAX_NOISE_RATIO: f64 = 1.35;
+/// And at least this much, mm: without noise the ratio means nothing.
+const MIN_NOISE_EXCESS_MM: f64 = 0.15;
+
 /// Every reason not to accept.
 pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<Rejection> {
-    let Some((std_mm, std_rad)) = evidence.std_mm_rad else {
+    let Some(deviations) = evidence.deviations else {
         return vec![Rejection::NoFit {
             n_points: evidence.n_points,
         }];
@@ -167,6 +234,41 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
             max_mm: options.max_noise_mm,
         },
     );
+    let Deviations {
+        position_mm: std_mm,
+        orientation_rad: std_rad,
+        screw_mm,
+    } = deviations;
+    let others_mm = evidence.others_noise_mm;
+    demand(
+        evidence.noise_mm <= MAX_NOISE_RATIO * others_mm
+            || evidence.noise_mm <= others_mm + MIN_NOISE_EXCESS_MM,
+        Rejection::NoisierThanOthers {
+            noise_mm: evidence.noise_mm,
+            others_mm,
+        },
+    );
+    demand(
+        evidence.unexplained_share <= options.max_unexplained_share,
+        Rejection::UnexplainedSurface {
+            share: evidence.unexplained_share,
+            max: options.max_unexplained_share,
+        },
+    );
+    demand(
+        evidence.level_margin >= options.min_level_margin,
+        Rejection::LevelAmbiguous {
+            margin: evidence.level_margin,
+            min: options.min_level_margin,
+        },
+    );
+    demand(
+        screw_mm <= options.max_screw_std_mm,
+        Rejection::ScrewUncertain {
+            std_mm: screw_mm,
+            max_mm: options.max_screw_std_mm,
+        },
+    );
     demand(
         std_mm <= options.max_translation_std_mm,
         Rejection::PositionUncertain {
@@ -198,20 +300,34 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
     found
 }
 
-/// A vertebra turned too far against its neighbour, both `target_from_source`.
-pub(crate) fn chain_rejection(
-    own: &Isometry3<f64>,
-    other: &Isometry3<f64>,
+/// What the chain says of a vertebra and a neighbour that are both trusted otherwise: each as
+/// `target_from_source` and its centroid in the source.
+pub(crate) fn chain_rejections(
+    own: (&Isometry3<f64>, &Point3<f64>),
+    other: (&Isometry3<f64>, &Point3<f64>),
     neighbour: Level,
     options: &VerdictOptions,
-) -> Option<Rejection> {
-    let turn_rad = (own.rotation.inverse() * other.rotation).angle();
+) -> Vec<Rejection> {
+    let mut found = Vec::new();
+    let turn_rad = (own.0.rotation.inverse() * other.0.rotation).angle();
     let max_rad = options.max_neighbour_turn_rad;
-    (turn_rad > max_rad).then_some(Rejection::TurnedAgainstNeighbour {
-        neighbour,
-        turn_rad,
-        max_rad,
-    })
+    if turn_rad > max_rad {
+        found.push(Rejection::TurnedAgainstNeighbour {
+            neighbour,
+            turn_rad,
+            max_rad,
+        });
+    }
+    let expected_mm = (own.1 - other.1).norm();
+    let distance_mm = (own.0 * own.1 - other.0 * other.1).norm();
+    if (distance_mm - expected_mm).abs() > options.max_neighbour_shift_mm {
+        found.push(Rejection::SpacedWrongly {
+            neighbour,
+            distance_mm,
+            expected_mm,
+        });
+    }
+    found
 }
 
 #[cfg(test)]
@@ -221,27 +337,56 @@ mod tests {
     /// Makes one figure of good evidence bad.
     type Spoil = Box<dyn Fn(&mut Evidence)>;
 
+    const GOOD: Deviations = Deviations {
+        position_mm: 0.1,
+        orientation_rad: 0.003,
+        screw_mm: 0.2,
+    };
+
     fn good() -> Evidence {
         Evidence {
             n_points: 300,
             posterior_coverage: 0.9,
             explained_share: 0.98,
             noise_mm: 0.5,
-            std_mm_rad: Some((0.1, 0.003)),
+            others_noise_mm: 0.5,
+            deviations: Some(GOOD),
+            unexplained_share: 0.01,
+            level_margin: 0.5,
             alternative_margin: 0.4,
             landmark_distance_mm: 4.0,
         }
     }
 
     #[test]
-    fn a_turn_beyond_the_limit_names_the_neighbour() {
+    fn the_chain_names_the_neighbour() {
         let options = VerdictOptions::default();
-        let turned = |angle| Isometry3::rotation(nalgebra::Vector3::new(0.0, angle, 0.0));
-        let judge =
-            |angle| chain_rejection(&turned(0.2), &turned(0.2 + angle), Level::L2, &options);
-        assert_eq!(judge(0.5), None, "within the limit");
-        let reason = judge(1.0).expect("57° is too much").to_string();
-        assert!(reason.contains("57°") && reason.contains("L2"), "{reason}");
+        let centroids = (Point3::origin(), Point3::new(0.0, 0.0, -35.0));
+        let judge = |angle: f64, shift: f64| {
+            let rotated = Isometry3::rotation(nalgebra::Vector3::new(0.0, 0.0, angle));
+            let moved = nalgebra::Translation3::new(0.0, 0.0, shift) * rotated;
+            let own = Isometry3::identity();
+            chain_rejections(
+                (&own, &centroids.0),
+                (&moved, &centroids.1),
+                Level::L2,
+                &options,
+            )
+        };
+        assert_eq!(judge(0.5, 5.0), vec![], "within the limits");
+        let words = |found: Vec<Rejection>| -> Vec<String> {
+            found.iter().map(ToString::to_string).collect()
+        };
+        let turned = words(judge(1.0, 0.0));
+        assert!(
+            turned.len() == 1 && turned[0].contains("57° against L2"),
+            "{turned:?}"
+        );
+        let shifted = words(judge(0.0, -20.0));
+        assert!(
+            shifted.len() == 1 && shifted[0].contains("55 mm from L2"),
+            "{shifted:?}"
+        );
     }
 
     #[test]
@@ -251,6 +396,7 @@ mod tests {
 
     #[test]
     fn each_figure_alone_rejects_with_its_own_reason() {
+        let with = |deviations| -> Spoil { Box::new(move |e| e.deviations = Some(deviations)) };
         let cases: Vec<(&str, Spoil)> = vec![
             ("too few target points", Box::new(|e| e.n_points = 10)),
             (
@@ -258,25 +404,50 @@ mod tests {
                 Box::new(|e| e.posterior_coverage = 0.12),
             ),
             ("does not fit", Box::new(|e| e.explained_share = 0.5)),
-            ("too noisy", Box::new(|e| e.noise_mm = 5.0)),
+            (
+                "too noisy",
+                Box::new(|e| (e.noise_mm, e.others_noise_mm) = (5.0, 5.0)),
+            ),
+            ("noisier than those", Box::new(|e| e.noise_mm = 0.9)),
+            (
+                "belong to no vertebra",
+                Box::new(|e| e.unexplained_share = 0.2),
+            ),
+            ("shifted by one", Box::new(|e| e.level_margin = 0.0)),
             (
                 "fix the position",
-                Box::new(|e| e.std_mm_rad = Some((2.0, 0.003))),
+                with(Deviations {
+                    position_mm: 2.0,
+                    ..GOOD
+                }),
+            ),
+            (
+                "fix the position",
+                with(Deviations {
+                    position_mm: f64::NAN,
+                    ..GOOD
+                }),
             ),
             (
                 "fix the orientation",
-                Box::new(|e| e.std_mm_rad = Some((0.1, 0.3))),
+                with(Deviations {
+                    orientation_rad: 0.3,
+                    ..GOOD
+                }),
+            ),
+            (
+                "where a screw goes",
+                with(Deviations {
+                    screw_mm: 3.0,
+                    ..GOOD
+                }),
             ),
             ("another pose", Box::new(|e| e.alternative_margin = 0.01)),
             (
                 "from its landmark",
                 Box::new(|e| e.landmark_distance_mm = 40.0),
             ),
-            ("no fit", Box::new(|e| e.std_mm_rad = None)),
-            (
-                "fix the position",
-                Box::new(|e| e.std_mm_rad = Some((f64::NAN, 0.003))),
-            ),
+            ("no fit", Box::new(|e| e.deviations = None)),
         ];
         for (words, spoil) in cases {
             let mut evidence = good();
