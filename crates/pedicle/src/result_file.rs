@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::Path;
 
-use pedicle_spine::Transfer;
+use pedicle_spine::{TargetChanges, Transfer};
 use pedicle_trajectory::{Level, Side};
 use serde::{Deserialize, Serialize};
 
@@ -28,6 +28,34 @@ pub struct TransferFile {
     pub vertebrae: Vec<VertebraEntry>,
     /// In the order of the plan.
     pub trajectories: Vec<TrajectoryEntry>,
+    /// What the preparation of the target had to change.
+    pub target_changes: TargetChangesEntry,
+}
+
+/// What the preparation of the target had to change, as numbers of elements.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TargetChangesEntry {
+    /// Degenerate, doubled and zero-area faces removed or mended.
+    pub n_faces_mended: usize,
+    /// Vertices removed because no face uses them.
+    pub n_vertices_removed: usize,
+    /// Faces of crumbs left out of the functional map, not of the registration.
+    pub n_faces_not_in_map: usize,
+}
+
+impl From<&TargetChanges> for TargetChangesEntry {
+    fn from(changes: &TargetChanges) -> Self {
+        let repair = &changes.repair;
+        Self {
+            n_faces_mended: repair.n_repeated_index_faces
+                + repair.n_duplicate_faces
+                + repair.n_collapsed_edges
+                + repair.n_flipped_edges
+                + repair.n_removed_zero_area_faces,
+            n_vertices_removed: repair.n_removed_vertices,
+            n_faces_not_in_map: changes.n_faces_not_in_map,
+        }
+    }
 }
 
 /// One vertebra.
@@ -114,6 +142,7 @@ impl From<&Transfer> for TransferFile {
             covariance_order: COVARIANCE_ORDER.map(String::from),
             vertebrae,
             trajectories,
+            target_changes: (&transfer.target_changes).into(),
         }
     }
 }
@@ -148,10 +177,14 @@ pub fn write_text(path: &Path, text: &str) -> Result<(), Error> {
         .parent()
         .filter(|p| !p.as_os_str().is_empty())
         .unwrap_or(Path::new("."));
-    let mut builder = tempfile::Builder::new();
+    let builder = tempfile::Builder::new();
     // A temporary file is its owner's alone unless told otherwise; the umask still applies.
     #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    let builder = {
+        let mut builder = builder;
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+        builder
+    };
     let mut file = builder.tempfile_in(folder).map_err(refused)?;
     file.write_all(text.as_bytes()).map_err(refused)?;
     file.persist(path).map_err(|e| refused(e.error))?;

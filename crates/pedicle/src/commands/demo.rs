@@ -11,7 +11,9 @@ use pedicle_simulation::{
     Deformation, MeshingOptions, PhantomParameters, Scenario, SimulatedTarget, SpineCase,
     generate_phantom, simulate,
 };
-use pedicle_spine::{SourceVertebra, SpineModel, Target, Transfer, TransferOptions, transfer};
+use pedicle_spine::{
+    MapOptions, SourceVertebra, SpineModel, Target, Transfer, TransferOptions, transfer,
+};
 use pedicle_trajectory::{SafetyMargins, write_landmarks, write_plan};
 
 use super::{exit_code, say, table::transfer_tables};
@@ -114,7 +116,7 @@ impl Arguments {
             context: "the phantom".to_owned(),
             error: Box::new(error),
         };
-        let model = SpineModel::new(source, &landmarks, &options.map).map_err(refused)?;
+        let model = SpineModel::new(source, &landmarks, &MapOptions::default()).map_err(refused)?;
         let result = transfer(&model, &plan, &target, &options).map_err(refused)?;
         if let Some(path) = &self.json {
             write_json(path, &TransferFile::from(&result))?;

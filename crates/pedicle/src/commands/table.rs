@@ -4,6 +4,8 @@ use comfy_table::presets::UTF8_FULL_CONDENSED;
 use comfy_table::{CellAlignment, Table};
 use pedicle_spine::Transfer;
 
+use crate::TargetChangesEntry;
+
 /// One row a vertebra, then the reasons for every rejection, then one row a trajectory.
 pub(crate) fn transfer_tables(transfer: &Transfer) -> String {
     let mut vertebrae = table(&[
@@ -60,7 +62,23 @@ pub(crate) fn transfer_tables(transfer: &Transfer) -> String {
                 .map(move |reason| format!("{}: {reason}\n", v.level))
         })
         .collect();
-    format!("{vertebrae}\n{reasons}\n{trajectories}")
+    format!(
+        "{vertebrae}\n{reasons}{}\n{trajectories}",
+        changes(transfer)
+    )
+}
+
+/// A line on what was wrong with the target, if anything was.
+fn changes(transfer: &Transfer) -> String {
+    let c = TargetChangesEntry::from(&transfer.target_changes);
+    if c.n_faces_mended + c.n_vertices_removed + c.n_faces_not_in_map == 0 {
+        return String::new();
+    }
+    format!(
+        "Target: {} bad faces mended, {} vertices without a face removed, {} faces of loose crumbs \
+         left out of the map.\n",
+        c.n_faces_mended, c.n_vertices_removed, c.n_faces_not_in_map
+    )
 }
 
 fn table(header: &[&str]) -> Table {

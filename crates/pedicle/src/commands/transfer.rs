@@ -7,7 +7,7 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use pedicle_mesh::read_mesh;
 use pedicle_spine::{
-    Shape, SpineError, SpineModel, Target, TransferOptions, transfer_with_progress,
+    MapOptions, Shape, SpineError, SpineModel, Target, TransferOptions, transfer_with_progress,
 };
 use pedicle_trajectory::{read_landmarks, read_plan};
 
@@ -61,7 +61,7 @@ impl Arguments {
             seed: self.seed,
             ..TransferOptions::default()
         };
-        let model = SpineModel::new(vertebrae, &source_landmarks, &options.map)
+        let model = SpineModel::new(vertebrae, &source_landmarks, &MapOptions::default())
             .map_err(|error| self.blame(error))?;
         let transfer = transfer_with_progress(&model, &plan, &target, &options, &mut |stage| {
             bar.inc(1);
@@ -90,9 +90,10 @@ impl Arguments {
         };
         let both = || format!("{} and {}", self.source.display(), self.target.display());
         let context = match &error {
-            E::MissingLevel { .. } | E::DoubledLevel { .. } | E::Anatomy { .. } => {
-                surface_of(&Shape::Source)
-            }
+            E::MissingLevel { .. }
+            | E::DoubledLevel { .. }
+            | E::SourceSize { .. }
+            | E::Anatomy { .. } => surface_of(&Shape::Source),
             E::MissingLandmark { shape, .. }
             | E::DoubledLandmark { shape, .. }
             | E::NonFiniteLandmark { shape, .. }
@@ -102,11 +103,9 @@ impl Arguments {
             | E::Mesh { shape, .. }
             | E::Operators { shape, .. }
             | E::Spectrum { shape, .. } => surface_of(shape),
-            E::UnitMismatch { .. }
-            | E::Descriptors { .. }
-            | E::Map { .. }
-            | E::Registration { .. }
-            | E::Index { .. } => both(),
+            E::UnitMismatch { .. } | E::Descriptors { .. } | E::Map { .. } | E::Index { .. } => {
+                both()
+            }
             // The list of errors may grow: better both files than the wrong one.
             _ => both(),
         };
