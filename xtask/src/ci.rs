@@ -35,9 +35,12 @@ impl Arguments {
                 Some("-D warnings"),
             ),
         ];
-        let data = self
-            .data
-            .unwrap_or_else(|| workspace_root().join("../shared/data"));
+        // The steps run in the root of the workspace, wherever this one was called from.
+        let data = match self.data {
+            Some(data) => std::path::absolute(&data)
+                .map_err(|source| XtaskError::File { path: data, source })?,
+            None => workspace_root().join("../shared/data"),
+        };
         let mut spines = vec![fixture("phantom").display().to_string()];
         for spine in ["vhp-male-remus", "verse010"] {
             let path = data.join(spine);

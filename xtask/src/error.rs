@@ -41,14 +41,6 @@ pub(crate) enum XtaskError {
     /// A scenario could not be simulated.
     #[error(transparent)]
     Simulation(#[from] pedicle_simulation::SimulationError),
-    /// The pipeline refused a scenario.
-    #[error("{scenario}: the transfer failed: {error}")]
-    Transfer {
-        /// Which scenario.
-        scenario: String,
-        /// Why.
-        error: Box<pedicle_spine::SpineError>,
-    },
     /// A transferred trajectory could not be checked.
     #[error("{scenario}: {error}")]
     Check {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use pedicle_mesh::{SurfaceIndex, TriMesh};
 use pedicle_simulation::SpineCase;
-use pedicle_spine::{SourceVertebra, SpineModel, TransferOptions};
+use pedicle_spine::{MapOptions, SourceVertebra, SpineModel};
 use pedicle_trajectory::{
     AnatomicalFrame, Landmarks, Level, Pedicle, PedicleOptions, Plan, Side, anatomical_frames,
     measure_pedicle, read_landmarks, read_plan,
@@ -21,7 +21,11 @@ pub(super) struct Case {
     /// Last part of the path.
     pub(super) name: String,
     pub(super) plan: Plan,
+    /// Where the plan came from, in words.
+    pub(super) plan_from: String,
     pub(super) landmarks: Landmarks,
+    /// Where the landmarks came from, in words.
+    pub(super) landmarks_from: String,
     pub(super) vertebrae: Vec<SourceVertebra>,
     pub(super) spine: SpineCase,
     pub(super) truth: Vec<TrueVertebra>,
@@ -35,17 +39,25 @@ pub(super) struct TrueVertebra {
     pub(super) pedicles: [Pedicle; 2],
 }
 
-/// Reads a spine; plans and landmarks come from `plan.ron` and `landmarks.ron` beside it, or from
-/// its shape.
-pub(super) fn load(path: &Path, plan_file: Option<&Path>) -> Result<Case, XtaskError> {
+/// Files given for a spine, instead of those beside it.
+#[derive(Debug, Default)]
+pub(super) struct Given<'a> {
+    pub(super) plan: Option<&'a Path>,
+    pub(super) landmarks: Option<&'a Path>,
+}
+
+/// Reads a spine; plan and landmarks come from the files given, or from `plan` and `landmarks`
+/// (`.ron` or `.json`) beside the surfaces, or from its shape.
+pub(super) fn load(path: &Path, given: &Given<'_>) -> Result<Case, XtaskError> {
     let name = name_of(path);
     let vertebrae = pedicle::read_spine(path)?;
-    let beside = |file: &str| Some(path.join(file)).filter(|p| p.is_file());
-    let plan = match plan_file.map(PathBuf::from).or_else(|| beside("plan.ron")) {
+    let plan_file = file_of(given.plan, path, "plan");
+    let plan = match &plan_file {
         Some(file) => read_plan(file)?,
         None => pedicle::plan_from_shape(path, &vertebrae)?,
     };
-    let landmarks = match beside("landmarks.ron") {
+    let landmarks_file = file_of(given.landmarks, path, "landmarks");
+    let landmarks = match &landmarks_file {
         Some(file) => read_landmarks(file)?,
         None => pedicle::landmarks_from_shape(path, &vertebrae)?,
     };
@@ -58,11 +70,37 @@ pub(super) fn load(path: &Path, plan_file: Option<&Path>) -> Result<Case, XtaskE
     Ok(Case {
         name,
         plan,
+        plan_from: in_words(plan_file.as_deref()),
         landmarks,
+        landmarks_from: in_words(landmarks_file.as_deref()),
         vertebrae,
         spine,
         truth,
     })
+}
+
+/// The file given, or the one beside the surfaces: in the folder of a spine, or in the folder
+/// that a labelled mesh lies in.
+fn file_of(given: Option<&Path>, spine: &Path, stem: &str) -> Option<PathBuf> {
+    let folder = if spine.is_dir() {
+        spine
+    } else {
+        spine.parent().unwrap_or(Path::new(""))
+    };
+    let beside = || {
+        ["ron", "json"]
+            .map(|extension| folder.join(stem).with_extension(extension))
+            .into_iter()
+            .find(|file| file.is_file())
+    };
+    given.map(PathBuf::from).or_else(beside)
+}
+
+fn in_words(file: Option<&Path>) -> String {
+    file.and_then(Path::file_name).map_or_else(
+        || "the shape".to_owned(),
+        |name| name.to_string_lossy().into_owned(),
+    )
 }
 
 fn name_of(path: &Path) -> String {
@@ -114,12 +152,49 @@ fn true_vertebrae(
 
 impl Case {
     /// The source as the pipeline sees it.
-    pub(super) fn model(&self, options: &TransferOptions) -> Result<SpineModel, XtaskError> {
-        SpineModel::new(self.vertebrae.clone(), &self.landmarks, &options.map).map_err(|error| {
-            XtaskError::Model {
-                spine: self.name.clone(),
-                error: Box::new(error),
-            }
+    pub(super) fn model(&self) -> Result<SpineModel, XtaskError> {
+        SpineModel::new(
+            self.vertebrae.clone(),
+            &self.landmarks,
+            &MapOptions::default(),
+        )
+        .map_err(|error| XtaskError::Model {
+            spine: self.name.clone(),
+            error: Box::new(error),
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    #[test]
+    fn plan_and_landmarks_are_looked_for_beside_the_surfaces() {
+        let folder = tempfile::tempdir().unwrap();
+        let inside = |name: &str| folder.path().join(name);
+        let labelled = inside("spine.ply");
+        fs::write(&labelled, "").unwrap();
+        for spine in [folder.path(), &labelled] {
+            assert_eq!(file_of(None, spine, "plan"), None, "there is none yet");
+        }
+        fs::write(inside("plan.json"), "").unwrap();
+        fs::write(inside("landmarks.ron"), "").unwrap();
+        for spine in [folder.path(), &labelled] {
+            let plan = file_of(None, spine, "plan");
+            assert_eq!(plan, Some(inside("plan.json")), "{}", spine.display());
+            assert_eq!(in_words(plan.as_deref()), "plan.json", "said so");
+            let landmarks = file_of(None, spine, "landmarks");
+            assert_eq!(landmarks, Some(inside("landmarks.ron")), "the other one");
+        }
+        let given = inside("other.ron");
+        assert_eq!(
+            file_of(Some(&given), &labelled, "plan"),
+            Some(given.clone()),
+            "a file given comes first"
+        );
+        assert_eq!(in_words(None), "the shape", "no file");
     }
 }

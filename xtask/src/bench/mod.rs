@@ -5,6 +5,7 @@ mod gates;
 mod published;
 mod report;
 mod score;
+mod screws;
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -12,7 +13,6 @@ use std::time::Instant;
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use pedicle_simulation::{Scenario, paper_scenarios};
-use pedicle_spine::TransferOptions;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -27,14 +27,17 @@ pub(crate) struct Arguments {
     /// Which scenarios.
     #[arg(long, value_enum, default_value_t = Suite::Paper)]
     suite: Suite,
-    /// Spine: a folder with L1.ply to L5.ply, or one labelled PLY. A plan.ron and landmarks.ron
-    /// beside the surfaces are used; without them plan and landmarks come from the shape.
-    /// Without it, the phantom in fixtures/.
+    /// Spine: a folder with L1.ply to L5.ply, or one labelled PLY. Files plan and
+    /// landmarks, .ron or .json, beside the surfaces are used; without them plan and landmarks
+    /// come from the shape. Without --spine, the phantom in fixtures/.
     #[arg(long, value_name = "PATH")]
     spine: Option<PathBuf>,
     /// Planned trajectories, .ron or .json.
     #[arg(long, value_name = "FILE")]
     plan: Option<PathBuf>,
+    /// Top of each spinous process, .ron or .json.
+    #[arg(long, value_name = "FILE")]
+    landmarks: Option<PathBuf>,
     /// Seed of all scenarios. Seeds below 1000 were used for tuning, never for reported figures.
     #[arg(long, value_name = "N", default_value_t = 20_260_101)]
     seed: u64,
@@ -56,7 +59,7 @@ pub(crate) struct Arguments {
     /// Rewrite the gates of this spine from this run. Never in CI.
     #[arg(long)]
     update_gates: bool,
-    /// Print every vertebra that is invalid or rejected.
+    /// Print every vertebra that is invalid or rejected, and every scenario that was refused.
     #[arg(long)]
     explain: bool,
 }
@@ -83,8 +86,12 @@ impl Arguments {
     pub(crate) fn run(self) -> Result<bool, XtaskError> {
         let started = Instant::now();
         let spine = self.spine.clone().unwrap_or_else(|| fixture("phantom"));
-        let case = case::load(&spine, self.plan.as_deref())?;
-        let model = case.model(&TransferOptions::default())?;
+        let given = case::Given {
+            plan: self.plan.as_deref(),
+            landmarks: self.landmarks.as_deref(),
+        };
+        let case = case::load(&spine, &given)?;
+        let model = case.model()?;
         let preparation = started.elapsed();
 
         let scenarios = match self.suite {
@@ -109,10 +116,18 @@ impl Arguments {
                 .collect::<Result<Vec<ScenarioScore>, XtaskError>>()
         })?;
         bar.finish_and_clear();
+        for score in &scores {
+            if let Some(reason) = &score.refusal {
+                complain(&format!(
+                    "scenario refused: {}: {reason}",
+                    score::name(&score.scenario)
+                ));
+            }
+        }
 
         let cells = cells(&scores);
         let summary = report::Summary {
-            spine: &case.name,
+            case: &case,
             seed: self.seed,
             draws: self.draws,
             n_threads: pool.current_num_threads(),
@@ -126,7 +141,7 @@ impl Arguments {
             say(&summary.explanations());
         }
         if let Some(path) = &self.markdown {
-            write(path, &summary.markdown())?;
+            pedicle::write_text(path, &summary.markdown())?;
         }
         if let Some(path) = &self.json {
             let file = SuiteFile {
@@ -174,11 +189,4 @@ fn progress_bar(n: usize) -> ProgressBar {
         bar.set_style(style);
     }
     bar
-}
-
-fn write(path: &std::path::Path, text: &str) -> Result<(), XtaskError> {
-    std::fs::write(path, text).map_err(|source| XtaskError::File {
-        path: path.to_owned(),
-        source,
-    })
 }

@@ -7,12 +7,13 @@ use comfy_table::{CellAlignment, Table, TableStyle};
 use pedicle_spine::Stage;
 use pedicle_trajectory::Level;
 
-use super::published;
+use super::case::Case;
 use super::score::{Cell, ScenarioScore, name};
+use super::{published, screws};
 
 /// All that is reported of one run.
 pub(super) struct Summary<'a> {
-    pub(super) spine: &'a str,
+    pub(super) case: &'a Case,
     pub(super) seed: u64,
     pub(super) draws: u32,
     pub(super) n_threads: usize,
@@ -26,10 +27,14 @@ impl Summary<'_> {
     /// Everything, for a terminal.
     pub(super) fn text(&self) -> String {
         format!(
-            "{}\n{}\n{}\n{}",
+            "{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}",
             self.heading(),
             self.errors(UTF8_FULL_CONDENSED),
             self.validity(UTF8_FULL_CONDENSED),
+            screws::origins(self.scores),
+            screws::heading(&self.case.plan_from),
+            screws::table(self.case, UTF8_FULL_CONDENSED),
+            screws::counts(&self.case.plan),
             self.times()
         )
     }
@@ -37,19 +42,27 @@ impl Summary<'_> {
     /// Everything, for a document.
     pub(super) fn markdown(&self) -> String {
         format!(
-            "# Suite `paper` on {}\n\n{}\n\n{}\n\n{}\n\n{}\n",
-            self.spine,
+            "# Suite `paper` on {}\n\n{}\n\n{}\n\n{}\n\n{}\n\n{}\n\n{}\n\n{}\n\n{}\n",
+            self.case.name,
             self.heading(),
             self.errors(ASCII_MARKDOWN),
             self.validity(ASCII_MARKDOWN),
+            screws::origins(self.scores),
+            screws::heading(&self.case.plan_from),
+            screws::table(self.case, ASCII_MARKDOWN),
+            screws::counts(&self.case.plan),
             self.times()
         )
     }
 
-    /// Every vertebra that is not both valid and accepted.
+    /// Every scenario that was refused, every vertebra that is not both valid and accepted.
     pub(super) fn explanations(&self) -> String {
         let mut lines = Vec::new();
         for score in self.scores {
+            if let Some(reason) = &score.refusal {
+                lines.push(format!("{}: refused: {reason}", name(&score.scenario)));
+                continue;
+            }
             for v in &score.vertebrae {
                 let valid = v.n_valid_by_margin == v.n_trajectories
                     && v.n_valid_by_geometry == v.n_trajectories;
@@ -63,12 +76,15 @@ impl Summary<'_> {
 
     fn heading(&self) -> String {
         format!(
-            "{}: {} scenarios ({} draws a cell), seed {}. RMSE in mm / degrees, per \
-             vertebra: ours, published (its V1 taken as L5), and the Cramér-Rao bound of the surface.",
-            self.spine,
+            "{}: {} scenarios ({} draws a cell), seed {}; plan from {}, landmarks from {}. RMSE in \
+             mm / degrees, per vertebra: ours, published (its V1 taken as L5), and the Cramér-Rao \
+             bound of the surface.",
+            self.case.name,
             self.scores.len(),
             self.draws,
-            self.seed
+            self.seed,
+            self.case.plan_from,
+            self.case.landmarks_from
         )
     }
 
@@ -126,7 +142,7 @@ impl Summary<'_> {
         let mut table = new_table(style, header.map(String::from).to_vec());
         let mut sums = [0usize; 6];
         for cell in self.cells {
-            let n_vertebrae = cell.vertebrae.len() * self.draws as usize;
+            let n_vertebrae = cell.vertebrae_total;
             table.add_row([
                 cell.deformation.clone(),
                 format!("{}", cell.noise_mm),
@@ -204,7 +220,7 @@ fn row_start(cell: &Cell, which: &str) -> Vec<String> {
     ]
 }
 
-fn new_table(style: TableStyle, header: Vec<String>) -> Table {
+pub(super) fn new_table(style: TableStyle, header: Vec<String>) -> Table {
     let mut table = Table::new();
     table.load_style(style).set_header(header);
     for column in table.column_iter_mut().skip(1) {

@@ -4,14 +4,17 @@ use std::time::{Duration, Instant};
 
 use nalgebra::Isometry3;
 use pedicle_simulation::{Scenario, SimulatedTarget, simulate};
-use pedicle_spine::{SpineModel, Stage, Target, Transfer, TransferOptions, transfer_with_progress};
-use pedicle_trajectory::{CheckOptions, Level, SafetyMargins, check_trajectory};
+use pedicle_spine::{
+    Origin, SpineModel, Stage, Target, Transfer, TransferOptions, transfer_with_progress,
+};
+use pedicle_trajectory::{CheckOptions, Level, SafetyMargins, Trajectory, check_trajectory};
 use serde::Serialize;
 
 use super::case::Case;
 use crate::XtaskError;
 
-/// What is known about one vertebra of one scenario.
+/// What is known about one vertebra of one scenario. Errors are NaN if the scenario was refused:
+/// then no mean over them is a number, and no gate holds.
 pub(super) struct VertebraScore {
     pub(super) translation_mm: f64,
     pub(super) rotation_rad: f64,
@@ -22,6 +25,8 @@ pub(super) struct VertebraScore {
     pub(super) n_valid_by_geometry: usize,
     pub(super) accepted: bool,
     pub(super) false_accept: bool,
+    /// Where the final pose came from; none if the scenario was refused.
+    pub(super) origin: Option<Origin>,
     pub(super) detail: String,
 }
 
@@ -30,9 +35,12 @@ pub(super) struct ScenarioScore {
     pub(super) scenario: Scenario,
     pub(super) vertebrae: Vec<VertebraScore>,
     pub(super) stages: Vec<(Stage, Duration)>,
+    /// Why the pipeline refused the scenario.
+    pub(super) refusal: Option<String>,
 }
 
-/// Simulates a scenario, runs the pipeline on it and compares with the truth.
+/// Simulates a scenario, runs the pipeline on it and compares with the truth. A scenario that the
+/// pipeline refuses is a result too: nothing of it is valid or accepted.
 pub(super) fn run(
     case: &Case,
     model: &SpineModel,
@@ -49,14 +57,20 @@ pub(super) fn run(
     };
 
     let mut marks: Vec<(Stage, Instant)> = Vec::new();
-    let transfer = transfer_with_progress(model, &case.plan, &target, &options, &mut |stage| {
+    let outcome = transfer_with_progress(model, &case.plan, &target, &options, &mut |stage| {
         marks.push((stage, Instant::now()));
-    })
-    .map_err(|error| XtaskError::Transfer {
-        scenario: name(scenario),
-        error: Box::new(error),
-    })?;
+    });
     let end = Instant::now();
+    let transfer = match outcome {
+        Ok(transfer) => transfer,
+        Err(error) => {
+            let n_trajectories = Level::ALL.map(|level| {
+                let of_level = |t: &&Trajectory| t.level == level;
+                case.plan.trajectories.iter().filter(of_level).count()
+            });
+            return Ok(refused(scenario, n_trajectories, &error.to_string()));
+        }
+    };
     let ends = marks.iter().skip(1).map(|(_, at)| *at).chain([end]);
     let stages = marks
         .iter()
@@ -72,7 +86,33 @@ pub(super) fn run(
         scenario: *scenario,
         vertebrae,
         stages,
+        refusal: None,
     })
+}
+
+/// The score of a scenario that was refused; times of a part of the work tell nothing.
+fn refused(scenario: &Scenario, n_trajectories: [usize; 5], reason: &str) -> ScenarioScore {
+    let vertebrae = n_trajectories
+        .into_iter()
+        .map(|n_trajectories| VertebraScore {
+            translation_mm: f64::NAN,
+            rotation_rad: f64::NAN,
+            bound_squared: (f64::NAN, f64::NAN),
+            n_trajectories,
+            n_valid_by_margin: 0,
+            n_valid_by_geometry: 0,
+            accepted: false,
+            false_accept: false,
+            origin: None,
+            detail: String::new(),
+        })
+        .collect();
+    ScenarioScore {
+        scenario: *scenario,
+        vertebrae,
+        stages: Vec::new(),
+        refusal: Some(reason.to_owned()),
+    }
 }
 
 /// A scenario in words.
@@ -150,6 +190,7 @@ fn judge(
         n_valid_by_geometry,
         accepted: found.accepted,
         false_accept: found.accepted && !valid,
+        origin: Some(found.origin),
         detail: format!(
             "{level} {:.3} mm {:.3}° from {}{}{breaches}{}",
             error.translation_mm,
@@ -170,6 +211,9 @@ pub(super) struct Cell {
     pub(super) trajectories: usize,
     pub(super) valid_by_margin: usize,
     pub(super) valid_by_geometry: usize,
+    /// Vertebrae judged, over all draws.
+    #[serde(skip)]
+    pub(super) vertebrae_total: usize,
     pub(super) vertebrae_accepted: usize,
     pub(super) false_accepts: usize,
 }
@@ -230,12 +274,18 @@ fn cell(scenario: &Scenario, members: &[&ScenarioScore]) -> Cell {
         trajectories: count(&|v| v.n_trajectories),
         valid_by_margin: count(&|v| v.n_valid_by_margin),
         valid_by_geometry: count(&|v| v.n_valid_by_geometry),
+        vertebrae_total: count(&|_| 1),
         vertebrae_accepted: count(&|v| usize::from(v.accepted)),
         false_accepts: count(&|v| usize::from(v.false_accept)),
     }
 }
 
 impl Cell {
+    /// Share of the vertebrae that were accepted.
+    pub(super) fn share_accepted(&self) -> f64 {
+        self.vertebrae_accepted as f64 / self.vertebrae_total as f64
+    }
+
     /// Means over the vertebrae: (mm, degrees).
     pub(super) fn mean_rmse(&self) -> (f64, f64) {
         let n = self.vertebrae.len() as f64;
@@ -251,5 +301,58 @@ impl Cell {
                 .sum::<f64>()
                 / n,
         )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use pedicle_simulation::Deformation;
+
+    use super::*;
+
+    fn scenario(draw: u32) -> Scenario {
+        Scenario {
+            deformation: Deformation::Rigid,
+            noise_mm: 0.5,
+            draw,
+            seed: 1,
+        }
+    }
+
+    fn exact(draw: u32) -> ScenarioScore {
+        let mut score = refused(&scenario(draw), [2; 5], "");
+        score.refusal = None;
+        for v in &mut score.vertebrae {
+            v.translation_mm = 0.0;
+            v.rotation_rad = 0.0;
+            v.bound_squared = (0.0, 0.0);
+            v.n_valid_by_margin = v.n_trajectories;
+            v.n_valid_by_geometry = v.n_trajectories;
+            v.accepted = true;
+        }
+        score
+    }
+
+    #[test]
+    fn a_refused_scenario_counts_as_invalid_and_leaves_no_mean_that_is_a_number() {
+        let refusal = refused(&scenario(1), [2, 2, 1, 2, 2], "too coarse");
+        assert_eq!(refusal.refusal.as_deref(), Some("too coarse"), "the reason");
+        let cells = cells(&[exact(0), refusal]);
+        assert_eq!(cells.len(), 1, "one cell");
+        let cell = &cells[0];
+        assert_eq!(cell.trajectories, 19, "all planned ones");
+        assert_eq!(cell.valid_by_margin, 10, "those of the other scenario");
+        assert_eq!(cell.valid_by_geometry, 10, "those of the other scenario");
+        assert_eq!(cell.vertebrae_accepted, 5, "those of the other scenario");
+        assert_eq!(cell.vertebrae_total, 10, "of both scenarios");
+        assert_eq!(cell.false_accepts, 0, "nothing was vouched for");
+        let (mm, degrees) = cell.mean_rmse();
+        assert!(mm.is_nan() && degrees.is_nan(), "{mm} mm, {degrees}°");
+        let json = serde_json::to_value(cell).unwrap();
+        assert!(
+            json["vertebrae"][0]["translation_rmse_mm"].is_null(),
+            "no figure: {json}"
+        );
+        assert!(json.get("vertebrae_total").is_none(), "not in the file");
     }
 }

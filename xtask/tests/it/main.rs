@@ -7,6 +7,8 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+use pedicle_trajectory::{read_landmarks, read_plan, write_plan};
+
 fn fixtures() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures")
 }
@@ -46,6 +48,14 @@ fn the_same_seed_gives_the_same_bytes_on_one_and_two_threads() {
             printed.contains("false accepts"),
             "no table:\n{printed}\n{failed}"
         );
+        for words in [
+            "plan from plan.ron, landmarks from landmarks.ron",
+            "isthmus width mm",
+            "pilot drill or guide wire",
+            "final poses of 45 vertebrae",
+        ] {
+            assert!(printed.contains(words), "no '{words}' in\n{printed}");
+        }
         assert!(
             std::fs::read_to_string(markdown)
                 .unwrap()
@@ -170,5 +180,53 @@ fn the_phantom_in_fixtures_is_the_one_the_command_makes() {
             .map(|(a, b)| (a - b).norm())
             .fold(0.0, |worst, d| if d > worst { d } else { worst });
         assert!(worst < 1e-6, "{level}: a vertex is {worst} mm off");
+    }
+
+    let [made, kept] = [folder.path().to_owned(), fixtures().join("phantom")]
+        .map(|f| read_plan(f.join("plan.ron")).unwrap().trajectories);
+    assert_eq!(made.len(), kept.len(), "other trajectories");
+    for (a, b) in made.iter().zip(&kept) {
+        assert_eq!((a.level, a.side), (b.level, b.side), "another order");
+        let off_mm = (a.entry_mm - b.entry_mm)
+            .norm()
+            .max((a.tip_mm - b.tip_mm).norm())
+            .max((a.diameter_mm - b.diameter_mm).abs());
+        assert!(off_mm < 1e-6, "{} {}: {off_mm} mm off", a.level, a.side);
+    }
+    let [made, kept] = [folder.path().to_owned(), fixtures().join("phantom")]
+        .map(|f| read_landmarks(f.join("landmarks.ron")).unwrap().landmarks);
+    assert_eq!(made.len(), kept.len(), "other landmarks");
+    for (a, b) in made.iter().zip(&kept) {
+        assert_eq!(a.level, b.level, "another order");
+        let off_mm = (a.position_mm - b.position_mm).norm();
+        assert!(off_mm < 1e-6, "{}: {off_mm} mm off", a.level);
+    }
+}
+
+#[test]
+fn refused_scenarios_are_counted_and_miss_the_gates() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut plan = read_plan(fixtures().join("phantom/plan.ron")).unwrap();
+    // A plan of another spine: the pipeline refuses every scenario.
+    let away = nalgebra::Isometry3::translation(0.0, 120.0, 0.0);
+    for trajectory in &mut plan.trajectories {
+        *trajectory = trajectory.transformed(&away);
+    }
+    let file = folder.path().join("elsewhere.ron");
+    write_plan(&file, &plan).unwrap();
+    let output = bench(&["--plan", file.to_str().unwrap(), "--explain"]);
+    let printed = String::from_utf8_lossy(&output.stdout).into_owned();
+    let complaints = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{printed}\n{complaints}");
+    assert_eq!(
+        complaints.matches("scenario refused: ").count(),
+        9,
+        "one line a scenario: {complaints}"
+    );
+    for word in ["gate missed", "vertebrae accepted"] {
+        assert!(complaints.contains(word), "no '{word}' in: {complaints}");
+    }
+    for word in ["draw 0: refused: ", "plan from elsewhere.ron", "NaN"] {
+        assert!(printed.contains(word), "no '{word}' in: {printed}");
     }
 }
