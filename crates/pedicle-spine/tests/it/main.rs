@@ -42,7 +42,6 @@ fn scene() -> &'static Scene {
         let parameters = PhantomParameters::subject(11);
         let phantom = generate_phantom(&parameters, &MeshingOptions::default()).unwrap();
         let case = phantom.spine_case(3500).unwrap();
-        let options = TransferOptions::default();
         let model = SpineModel::new(
             sources(&phantom),
             &phantom.landmarks(),
@@ -350,7 +349,6 @@ fn swapped_landmarks_never_lead_to_a_false_accept() {
 #[test]
 fn sources_plans_and_landmarks_are_checked() {
     let scene = scene();
-    let options = TransferOptions::default();
     let landmarks = scene.phantom.landmarks();
     let build = |vertebrae, landmarks: &Landmarks| {
         SpineModel::new(vertebrae, landmarks, &MapOptions::default()).map(|_| ())
@@ -423,11 +421,14 @@ fn sources_plans_and_landmarks_are_checked() {
     );
 }
 
+/// Makes one option nonsense.
+type Spoil = fn(&mut TransferOptions);
+
 #[test]
 fn options_that_make_no_sense_are_refused() {
     let target = target_of(&simulated(Deformation::Rigid, 0.0, 14));
     let plan = scene().phantom.plan();
-    let spoilt: [(&str, fn(&mut TransferOptions)); 4] = [
+    let spoilt: [(&str, Spoil); 4] = [
         ("gates_mm", |o| o.search.gates_mm.clear()),
         ("n_turns", |o| o.search.n_turns = 0),
         ("truncation_mm", |o| o.search.truncation_mm = f64::NAN),
