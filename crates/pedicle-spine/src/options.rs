@@ -184,7 +184,11 @@ impl Default for MapOptions {
             n_landmark_wave: 30,
             n_heat: 10,
             weights: EnergyWeights::default(),
-            zoomout: ZoomOutOptions::default(),
+            zoomout: ZoomOutOptions {
+                n_source: 100,
+                n_target: 100,
+                step: 10,
+            },
             bcicp: BcicpOptions {
                 n_icp_rounds: 2,
                 n_iterations: 3,
