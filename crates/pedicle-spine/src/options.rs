@@ -24,8 +24,8 @@ pub struct MapOptions {
     pub weights: EnergyWeights,
     /// Refinement of the spectrum.
     pub zoomout: ZoomOutOptions,
-    /// Refinement of the point map. Default 2 rounds of spectral ICP and 3 iterations: more
-    /// changes no pose.
+    /// Refinement of the point map. Default 80 functions, one round of spectral ICP and two
+    /// iterations: the poses are refined on the surface afterwards.
     pub bcicp: BcicpOptions,
     /// A target with less than this share of the source's area is matched to the part of the
     /// source that a posterior approach exposes. Default 0.8.
@@ -190,8 +190,10 @@ impl Default for MapOptions {
                 step: 10,
             },
             bcicp: BcicpOptions {
-                n_icp_rounds: 2,
-                n_iterations: 3,
+                n_source: Some(80),
+                n_target: Some(80),
+                n_icp_rounds: 1,
+                n_iterations: 2,
                 ..BcicpOptions::default()
             },
             whole_area_share: 0.8,
