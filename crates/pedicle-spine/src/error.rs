@@ -114,6 +114,19 @@ pub enum SpineError {
         /// Largest distance allowed.
         max_distance_mm: f64,
     },
+    /// A trajectory that lies on the other side of its vertebra.
+    #[error(
+        "the {side} trajectory of {level} enters {distance_mm:.1} mm to the other side of the \
+         vertebra's middle: are left and right exchanged in the plan?"
+    )]
+    PlanSide {
+        /// The trajectory's level.
+        level: Level,
+        /// The side it names.
+        side: Side,
+        /// Distance of its entry from the mirror plane, on the wrong side.
+        distance_mm: f64,
+    },
     /// Source and target are of different orders of magnitude.
     #[error("the target is {target_mm:.4} mm long and the source {source_mm:.4} mm: {hint}")]
     UnitMismatch {

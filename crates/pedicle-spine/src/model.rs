@@ -14,6 +14,10 @@ pub const MAX_LANDMARK_DISTANCE_MM: f64 = 50.0;
 /// millimetres above the bone; a neighbour's vertebra is some 35 mm away.
 pub const MAX_PLAN_DISTANCE_MM: f64 = 15.0;
 
+/// Entries lie 10 to 30 mm beside the mirror plane; this far across it they are on the wrong
+/// side, whatever the error of the plane, mm.
+const MAX_ACROSS_MM: f64 = 5.0;
+
 /// Diagonals of the bounding boxes of five lumbar vertebrae, mm, from a small child's spine to
 /// the tallest, with room for oblique frames.
 const SOURCE_SIZE_MM: (f64, f64) = (80.0, 600.0);
@@ -178,10 +182,10 @@ impl SpineModel {
         self.vertebrae[level.index()].bone.centroid()
     }
 
-    /// Whether every trajectory of a plan lies on the vertebra that it names.
+    /// Whether every trajectory of a plan lies on the vertebra and the side that it names.
     ///
     /// # Errors
-    /// [`SpineError::EmptyPlan`] or [`SpineError::PlanOffSpine`].
+    /// [`SpineError::EmptyPlan`], [`SpineError::PlanOffSpine`] or [`SpineError::PlanSide`].
     pub fn check_plan(&self, plan: &Plan) -> Result<(), SpineError> {
         if plan.trajectories.is_empty() {
             return Err(SpineError::EmptyPlan);
@@ -199,6 +203,15 @@ impl SpineModel {
                     side: trajectory.side,
                     distance_mm,
                     max_distance_mm: MAX_PLAN_DISTANCE_MM,
+                });
+            }
+            let frame = &self.vertebrae[trajectory.level.index()].frame;
+            let distance_mm = -trajectory.side.sign() * frame.coordinates(&entry).x;
+            if distance_mm > MAX_ACROSS_MM {
+                return Err(SpineError::PlanSide {
+                    level: trajectory.level,
+                    side: trajectory.side,
+                    distance_mm,
                 });
             }
         }

@@ -75,7 +75,7 @@ pub struct VerdictOptions {
     /// Largest share of the target that may belong to no vertebra. Default 0.1.
     pub max_unexplained_share: f64,
     /// How much worse the target must be explained once all levels are shifted by one, relative
-    /// to the result. Default 0.08.
+    /// to the result. Default 0.15: the vertebra that is left over holds a fifth of the points.
     pub min_level_margin: f64,
     /// Largest change of the distance between the centroids of neighbours, mm. Default 12.
     pub max_neighbour_shift_mm: f64,
@@ -165,7 +165,7 @@ impl Default for VerdictOptions {
             max_rotation_std_rad: 0.031,
             max_screw_std_mm: 1.0,
             max_unexplained_share: 0.1,
-            min_level_margin: 0.08,
+            min_level_margin: 0.15,
             max_neighbour_shift_mm: 12.0,
             max_neighbour_turn_rad: 0.52,
             max_landmark_distance_mm: 15.0,

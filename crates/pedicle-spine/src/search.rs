@@ -28,7 +28,7 @@ const POINTS_FOR_ALTERNATIVE: usize = 90;
 /// Rounds after which the worse starts are dropped.
 const QUALIFYING_ROUNDS: usize = 2;
 /// The last rounds of the schedule that a configuration shifted by a level goes through.
-const SHIFT_ROUNDS: usize = 3;
+const SHIFT_ROUNDS: usize = 4;
 /// Lumbar centroids are 30 to 45 mm apart.
 const HALF_A_LEVEL_MM: f64 = 15.0;
 /// Gate of the last fit from another pose, in truncation distances.

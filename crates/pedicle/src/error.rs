@@ -100,6 +100,14 @@ pub enum Error {
     /// The phantom could not be made.
     #[error(transparent)]
     Simulation(#[from] pedicle_simulation::SimulationError),
+    /// The folder of a result is not there.
+    #[error("{}: the folder {} does not exist", path.display(), folder.display())]
+    NoFolder {
+        /// The file.
+        path: PathBuf,
+        /// Its folder.
+        folder: PathBuf,
+    },
     /// The result could not be written.
     #[error("{}: the result cannot be written: {source}", path.display())]
     Write {

@@ -154,7 +154,7 @@ fn rows<const N: usize>(entry: impl Fn(usize, usize) -> f64) -> [[f64; N]; N] {
 /// Writes a value as indented JSON, whole or not at all, as [`write_text`] does.
 ///
 /// # Errors
-/// [`Error::Write`] if the folder does not exist or cannot be written.
+/// [`Error::NoFolder`] if the folder does not exist, [`Error::Write`] if it cannot be written.
 pub fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Error> {
     let mut text = serde_json::to_string_pretty(value).map_err(|error| Error::Write {
         path: path.to_owned(),
@@ -167,7 +167,7 @@ pub fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Error> {
 /// Writes a text, whole or not at all: first beside the file, then renamed.
 ///
 /// # Errors
-/// [`Error::Write`] if the folder does not exist or cannot be written.
+/// [`Error::NoFolder`] if the folder does not exist, [`Error::Write`] if it cannot be written.
 pub fn write_text(path: &Path, text: &str) -> Result<(), Error> {
     let refused = |source| Error::Write {
         path: path.to_owned(),
@@ -177,6 +177,12 @@ pub fn write_text(path: &Path, text: &str) -> Result<(), Error> {
         .parent()
         .filter(|p| !p.as_os_str().is_empty())
         .unwrap_or(Path::new("."));
+    if !folder.is_dir() {
+        return Err(Error::NoFolder {
+            path: path.to_owned(),
+            folder: folder.to_owned(),
+        });
+    }
     let builder = tempfile::Builder::new();
     // A temporary file is its owner's alone unless told otherwise; the umask still applies.
     #[cfg(unix)]

@@ -140,6 +140,7 @@ impl Arguments {
         if self.explain {
             say(&summary.explanations());
         }
+        let held = self.judge(&case.name, &cells)?;
         if let Some(path) = &self.markdown {
             pedicle::write_text(path, &summary.markdown())?;
         }
@@ -153,7 +154,7 @@ impl Arguments {
             };
             pedicle::write_json(path, &file)?;
         }
-        self.judge(&case.name, &cells)
+        Ok(held)
     }
 
     fn judge(&self, spine: &str, cells: &[Cell]) -> Result<bool, XtaskError> {

@@ -400,6 +400,21 @@ fn sources_plans_and_landmarks_are_checked() {
 
     let error = scene.model.check_plan(&Plan::default()).unwrap_err();
     assert!(matches!(error, SpineError::EmptyPlan), "{error}");
+    let mut mirrored = scene.phantom.plan();
+    for t in &mut mirrored.trajectories {
+        t.side = t.side.opposite();
+    }
+    let error = scene.model.check_plan(&mirrored).unwrap_err();
+    assert!(
+        matches!(
+            error,
+            SpineError::PlanSide {
+                level: Level::L1,
+                ..
+            }
+        ),
+        "{error}"
+    );
     let mut swapped = scene.phantom.plan();
     for t in &mut swapped.trajectories {
         t.level = if t.level == Level::L1 {

@@ -98,7 +98,9 @@ impl Arguments {
             | E::DoubledLandmark { shape, .. }
             | E::NonFiniteLandmark { shape, .. }
             | E::LandmarkFarFromSurface { shape, .. } => landmarks_of(shape),
-            E::EmptyPlan | E::PlanOffSpine { .. } => self.plan.display().to_string(),
+            E::EmptyPlan | E::PlanOffSpine { .. } | E::PlanSide { .. } => {
+                self.plan.display().to_string()
+            }
             E::TooFewVertices { shape, .. }
             | E::Mesh { shape, .. }
             | E::Operators { shape, .. }
