@@ -73,15 +73,18 @@
 mod adjacency;
 mod bcicp;
 mod convert;
+mod correspondence;
 mod energy;
 mod error;
 mod fit;
+mod lanes;
 mod linear;
 mod map;
 mod mask;
 mod nearest;
 mod operators;
 mod quality;
+mod row_tree;
 mod spatial;
 mod zoomout;
 

@@ -1,23 +1,39 @@
-//! Nearest rows: for every row q of one matrix the nearest row r of another.
+//! Nearest rows: for every row q of one matrix the nearest row r of another, again and again.
 //!
 //! ```text
-//! |q - r|² = |q|² - 2 q·r + |r|²
+//! |q - r| ≥ |q - centre| - radius       for r in a ball
+//! |q' - r| ≥ |q - r| - |q' - q|         for a query that has moved a little
 //! ```
 //!
-//! The products q·r come from blocked matrix products, never a full n × n. The expansion loses
-//! digits where rows nearly coincide, so every candidate within rounding of the best is measured
-//! again as Σ (q_i - r_i)²; among equals the lowest index wins. The result therefore depends
-//! neither on the size of the blocks nor on the number of threads.
+//! A refinement asks the same question in every step, with queries that move little and rows that
+//! gain coordinates, which only adds to distances. So every query keeps a short list of leaves
+//! with a lower bound on its distance to each, and one bound for all others. In a step the bounds
+//! shrink by how far the query has moved; the leaf of its last answer is measured, and of the
+//! others those whose bound lies below the best distance so far: three to six of thousands. When
+//! the bound for all others is used up, the tree of balls makes a new list. (Hamerly 2010 and Ding
+//! et al. 2015 speed up k-means in this way.)
+//!
+//! The answer is that of an exhaustive search: distances are sums of squares, among equals the
+//! lowest index wins, and it depends neither on what was known before nor on the number of threads.
 
-use faer::{Accum, Mat, MatRef, Par, linalg::matmul::matmul};
+use std::ops::Range;
+
+use faer::{Mat, MatRef};
 use rayon::prelude::*;
 
-/// Rows of the query matrix a task takes.
-const QUERIES_PER_BLOCK: usize = 128;
-/// Rows of the reference matrix a product takes: with the queries 0.5 MB, inside a cache.
-const REFERENCES_PER_BLOCK: usize = 512;
-/// Independent running minima, so that the search for the minimum fills vector registers.
-const LANES: usize = 8;
+use crate::{
+    lanes::{LANES, smallest_of, squared_distance},
+    row_tree::{Balls, RowTree, neighbours_side_by_side},
+};
+
+/// Queries that are searched for together.
+pub(crate) const QUERIES_PER_BATCH: usize = 32;
+/// Leaves on a list at most.
+const LEAVES_PER_LIST: usize = 48;
+/// A list reaches this many times the distance to the nearest row.
+const LIST_REACH: f64 = 3.0;
+/// Relative room for rounding in bounds; far above d ε, far below what the bounds gain.
+const BOUND_SLACK: f64 = 1e-10;
 
 /// For every row of `queries` the index of the nearest row of `references`.
 ///
@@ -25,131 +41,311 @@ const LANES: usize = 8;
 pub(crate) fn nearest_rows(queries: MatRef<'_, f64>, references: MatRef<'_, f64>) -> Vec<u32> {
     debug_assert_eq!(queries.ncols(), references.ncols(), "same dimension");
     debug_assert!(references.nrows() > 0, "something to choose from");
-    // Points as columns: contiguous for the repeated measurement.
-    let references = Points::new(references);
-    let queries = Points::new(queries);
-    let mut nearest = vec![0_u32; queries.squared_norms.len()];
-    nearest
-        .par_chunks_mut(QUERIES_PER_BLOCK)
+    let mut tree = RowTree::new(references);
+    tree.grow_to(queries.ncols());
+    let order = neighbours_side_by_side(queries);
+    // Points as columns: contiguous.
+    let queries = Mat::from_fn(queries.ncols(), order.len(), |j, i| {
+        queries[(order[i] as usize, j)]
+    });
+    let arch = pulp::Arch::new();
+    let mut found = vec![0; order.len()];
+    found
+        .par_chunks_mut(QUERIES_PER_BATCH)
         .enumerate()
-        .for_each(|(block, out)| {
-            nearest_of_block(&queries, block * QUERIES_PER_BLOCK, &references, out);
+        .for_each_init(Scratch::default, |scratch, (batch, found)| {
+            let first = batch * QUERIES_PER_BATCH;
+            let queries = queries.subcols(first, found.len());
+            arch.dispatch(OneSearch {
+                tree: &tree,
+                queries,
+                found,
+                scratch,
+            });
         });
-    nearest
+    let mut rows = vec![0; order.len()];
+    for (&query, found) in order.iter().zip(found) {
+        rows[query as usize] = found;
+    }
+    rows
 }
 
-/// Points as columns of a d × n matrix.
-struct Points {
-    coordinates: Mat<f64>,
-    squared_norms: Vec<f64>,
-    largest_squared_norm: f64,
+/// A search without a past.
+struct OneSearch<'a> {
+    tree: &'a RowTree,
+    /// One a column.
+    queries: MatRef<'a, f64>,
+    found: &'a mut [u32],
+    scratch: &'a mut Scratch,
 }
 
-impl Points {
-    fn new(rows: MatRef<'_, f64>) -> Self {
-        let coordinates = rows.transpose().to_owned();
-        let squared_norms: Vec<f64> = (0..coordinates.ncols())
-            .map(|j| coordinates.col_as_slice(j).iter().map(|x| x * x).sum())
-            .collect();
-        let largest_squared_norm = squared_norms.iter().copied().fold(0.0, f64::max);
+impl pulp::WithSimd for OneSearch<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        for (i, slot) in self.found.iter_mut().enumerate() {
+            let column = self.queries.col(i).try_as_col_major();
+            let query = column.map_or(&[][..], |column| column.as_slice());
+            let best = nearest_by_balls(self.tree, query, None, self.scratch);
+            *slot = self.tree.order[best.position as usize];
+        }
+    }
+}
+
+/// What is known of one query.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Known {
+    /// Position of the nearest row.
+    pub(crate) image: Option<u32>,
+    /// Coordinates when the list was made; none without a list.
+    n_coordinates: usize,
+    /// Leaves in the order of their bounds.
+    leaves: Vec<u32>,
+    /// For each a lower bound on the distance of its rows.
+    bounds: Vec<f64>,
+    /// A lower bound on the distance of the rows of all other leaves.
+    rest: f64,
+}
+
+/// Room for a search, kept from query to query.
+#[derive(Default)]
+pub(crate) struct Scratch {
+    /// Lower bound and number of the leaves looked at.
+    leaves: Vec<(f64, u32)>,
+    /// Lower bounds of the groups.
+    groups: Vec<f64>,
+    /// Lower bounds of the leaves of one group.
+    members: Vec<f64>,
+}
+
+impl Known {
+    /// Takes an image, as if nothing else were known.
+    pub(crate) fn at(image: u32) -> Self {
         Self {
-            coordinates,
-            squared_norms,
-            largest_squared_norm,
+            image: Some(image),
+            ..Self::default()
         }
     }
 
-    fn squared_distance(&self, index: usize, other: &Self, other_index: usize) -> f64 {
-        let a = self.coordinates.col_as_slice(index);
-        let b = other.coordinates.col_as_slice(other_index);
-        a.iter().zip(b).map(|(x, y)| (x - y) * (x - y)).sum()
-    }
-}
-
-/// What is known of one query so far.
-#[derive(Clone, Copy)]
-struct Best {
-    /// Smallest |r|² - 2 q·r seen.
-    score: f64,
-    /// Smallest Σ (q_i - r_i)² among the candidates measured.
-    squared_distance: f64,
-    index: usize,
-}
-
-fn nearest_of_block(queries: &Points, first_query: usize, references: &Points, out: &mut [u32]) {
-    let n_queries = out.len();
-    let dimension = queries.coordinates.nrows();
-    let n_references = references.squared_norms.len();
-    let block = queries.coordinates.subcols(first_query, n_queries);
-    let mut scores = Mat::<f64>::zeros(REFERENCES_PER_BLOCK.min(n_references), n_queries);
-    let mut best = vec![
-        Best {
-            score: f64::INFINITY,
-            squared_distance: f64::INFINITY,
-            index: 0,
-        };
-        n_queries
-    ];
-    for first in (0..n_references).step_by(REFERENCES_PER_BLOCK) {
-        let count = REFERENCES_PER_BLOCK.min(n_references - first);
-        let part = references.coordinates.subcols(first, count);
-        matmul(
-            scores.as_mut().subrows_mut(0, count),
-            Accum::Replace,
-            part.transpose(),
-            block,
-            -2.0,
-            Par::Seq,
-        );
-        let norms = &references.squared_norms[first..first + count];
-        for (j, best) in best.iter_mut().enumerate() {
-            let query = first_query + j;
-            let column = &mut scores.col_as_slice_mut(j)[..count];
-            for (score, norm) in column.iter_mut().zip(norms) {
-                *score += norm;
-            }
-            let smallest = minimum(column);
-            // The error of a product of d terms is below d ε |q||r|; with the norms twice that.
-            let magnitude = queries.squared_norms[query] + references.largest_squared_norm;
-            let slack = 4.0 * dimension as f64 * f64::EPSILON * magnitude;
-            if smallest > best.score + slack {
-                continue;
-            }
-            best.score = if smallest < best.score {
-                smallest
-            } else {
-                best.score
-            };
-            let limit = best.score + slack;
-            for (i, &score) in column.iter().enumerate() {
-                if score <= limit {
-                    let squared_distance = references.squared_distance(first + i, queries, query);
-                    if squared_distance < best.squared_distance {
-                        best.squared_distance = squared_distance;
-                        best.index = first + i;
+    /// Finds the nearest row to a query; `origin` is where it stood when its list was made.
+    #[inline(always)]
+    pub(crate) fn update(
+        &mut self,
+        tree: &RowTree,
+        query: &[f64],
+        origin: &mut [f64],
+        scratch: &mut Scratch,
+    ) {
+        let own = self.image.map(|image| image as usize / LANES);
+        if let Some(own) = own
+            && self.n_coordinates > 0
+        {
+            let (now, then) = (&query[..self.n_coordinates], &origin[..self.n_coordinates]);
+            let movement = squared_distance(now, then).sqrt();
+            let mut best = Best::new(tree, query);
+            best.measure(tree, own, query, f64::INFINITY);
+            if self.rest > best.reach + movement {
+                for (&leaf, &bound) in self.leaves.iter().zip(&self.bounds) {
+                    if bound > best.reach + movement {
+                        break;
                     }
+                    if leaf as usize != own {
+                        best.measure(tree, leaf as usize, query, best.reach);
+                    }
+                }
+                self.image = Some(best.position);
+                return;
+            }
+        }
+        let best = nearest_by_balls(tree, query, own, scratch);
+        self.image = Some(best.position);
+        self.make_list(tree, query, best.reach, scratch);
+        self.n_coordinates = query.len();
+        origin[..query.len()].copy_from_slice(query);
+    }
+
+    /// Makes a list of the leaves up to some distance beyond the nearest row.
+    #[inline(always)]
+    fn make_list(&mut self, tree: &RowTree, query: &[f64], reach: f64, scratch: &mut Scratch) {
+        let wanted = LIST_REACH * reach;
+        self.rest = wanted;
+        for group in 0..tree.groups.radii.len() {
+            let bound = scratch.groups[group];
+            // What lies within reach has been looked at.
+            if bound > reach && bound <= wanted {
+                let range = tree.leaves_of(group);
+                lower_bounds(
+                    &tree.leaves,
+                    range.clone(),
+                    (query, wanted),
+                    &mut scratch.members,
+                );
+                for (leaf, &bound) in range.zip(&scratch.members) {
+                    scratch.leaves.push((bound, leaf as u32));
                 }
             }
         }
-    }
-    for (slot, best) in out.iter_mut().zip(&best) {
-        *slot = best.index as u32;
+        let listed = &mut scratch.leaves;
+        listed.retain(|&(bound, _)| bound <= wanted);
+        for (bound, leaf) in listed.iter_mut() {
+            if *bound > reach {
+                let squared = tree
+                    .rows
+                    .squared_distances(*leaf as usize, query, wanted * wanted);
+                *bound = smallest_of(&squared).sqrt();
+            }
+        }
+        listed.retain(|&(bound, _)| bound <= wanted);
+        let before = |a: &(f64, u32), b: &(f64, u32)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
+        if listed.len() > LEAVES_PER_LIST {
+            listed.select_nth_unstable_by(LEAVES_PER_LIST, before);
+            self.rest = listed[LEAVES_PER_LIST].0;
+            listed.truncate(LEAVES_PER_LIST);
+        }
+        listed.sort_unstable_by(before);
+        self.leaves.clear();
+        self.bounds.clear();
+        self.leaves.extend(listed.iter().map(|&(_, leaf)| leaf));
+        self.bounds.extend(listed.iter().map(|&(bound, _)| bound));
     }
 }
 
-fn minimum(values: &[f64]) -> f64 {
-    let mut lanes = [f64::INFINITY; LANES];
-    let chunks = values.chunks_exact(LANES);
-    let rest = chunks.remainder();
-    for chunk in chunks {
-        for (lane, &value) in lanes.iter_mut().zip(chunk) {
-            *lane = if value < *lane { value } else { *lane };
+/// The nearest row, by balls alone; `scratch` keeps the bounds of what was looked at.
+#[inline(always)]
+fn nearest_by_balls(
+    tree: &RowTree,
+    query: &[f64],
+    guess: Option<usize>,
+    scratch: &mut Scratch,
+) -> Best {
+    let n_groups = tree.groups.radii.len();
+    lower_bounds(
+        &tree.groups,
+        0..n_groups,
+        (query, f64::INFINITY),
+        &mut scratch.groups,
+    );
+    let first = guess.unwrap_or_else(|| {
+        let group = lowest(&scratch.groups);
+        let range = tree.leaves_of(group);
+        lower_bounds(
+            &tree.leaves,
+            range.clone(),
+            (query, f64::INFINITY),
+            &mut scratch.members,
+        );
+        range.start + lowest(&scratch.members)
+    });
+    let mut best = Best::new(tree, query);
+    let own_bound = best.measure(tree, first, query, f64::INFINITY);
+    scratch.leaves.clear();
+    for group in 0..n_groups {
+        let bound = scratch.groups[group];
+        if bound > best.reach {
+            continue;
+        }
+        let range = tree.leaves_of(group);
+        let enough = LIST_REACH * best.reach;
+        lower_bounds(
+            &tree.leaves,
+            range.clone(),
+            (query, enough),
+            &mut scratch.members,
+        );
+        for (leaf, &bound) in range.zip(&scratch.members) {
+            let bound = if leaf == first {
+                own_bound
+            } else if bound <= best.reach {
+                best.measure(tree, leaf, query, LIST_REACH * best.reach)
+            } else {
+                bound
+            };
+            scratch.leaves.push((bound, leaf as u32));
+        }
+        // Looked at, so not to be looked at again when the list is made.
+        scratch.groups[group] = f64::NEG_INFINITY;
+    }
+    best
+}
+
+/// Bounds |q - centre| - radius for a run of balls that begins with a block of centres; above
+/// `enough` they may be lower than that.
+#[inline(always)]
+fn lower_bounds(
+    balls: &Balls,
+    run: Range<usize>,
+    (query, enough): (&[f64], f64),
+    out: &mut Vec<f64>,
+) {
+    out.clear();
+    for first in run.clone().step_by(LANES) {
+        let radii = &balls.radii[first..(first + LANES).min(run.end)];
+        let largest = radii.iter().fold(0.0, |a, &b| if b > a { b } else { a });
+        let enough = (enough + largest) * (enough + largest);
+        let squared = balls
+            .centres
+            .squared_distances(first / LANES, query, enough);
+        let pairs = squared.iter().zip(radii);
+        out.extend(pairs.map(|(squared, radius)| squared.sqrt() - radius));
+    }
+}
+
+#[inline(always)]
+fn lowest(values: &[f64]) -> usize {
+    let mut lowest = 0;
+    for (i, value) in values.iter().enumerate() {
+        if *value < values[lowest] {
+            lowest = i;
         }
     }
-    lanes
-        .iter()
-        .chain(rest)
-        .fold(f64::INFINITY, |a, &b| if b < a { b } else { a })
+    lowest
+}
+
+/// The nearest row so far.
+#[derive(Clone, Copy)]
+struct Best {
+    squared_distance: f64,
+    position: u32,
+    /// The distance with room for rounding: what is known to lie beyond cannot matter.
+    reach: f64,
+    slack: f64,
+}
+
+impl Best {
+    #[inline(always)]
+    fn new(tree: &RowTree, query: &[f64]) -> Self {
+        let norm = query.iter().map(|x| x * x).sum::<f64>().sqrt();
+        Self {
+            squared_distance: f64::INFINITY,
+            position: 0,
+            reach: f64::INFINITY,
+            slack: BOUND_SLACK * (norm + tree.largest_norm),
+        }
+    }
+
+    /// Measures the rows of a leaf: a lower bound on the distance of each of them.
+    ///
+    /// Leaves beyond `enough` are not measured to the end; within it the bound is the distance.
+    #[inline(always)]
+    fn measure(&mut self, tree: &RowTree, leaf: usize, query: &[f64], enough: f64) -> f64 {
+        let squared = tree.rows.squared_distances(leaf, query, enough * enough);
+        let smallest = smallest_of(&squared);
+        if smallest <= self.squared_distance {
+            for (lane, &value) in squared.iter().enumerate() {
+                let position = leaf * LANES + lane;
+                let tie = value <= self.squared_distance
+                    && position < tree.n_rows()
+                    && tree.order[position] < tree.order[self.position as usize];
+                if value < self.squared_distance || tie {
+                    self.squared_distance = value;
+                    self.position = position as u32;
+                }
+            }
+            self.reach = self.squared_distance.sqrt() + self.slack;
+        }
+        smallest.sqrt()
+    }
 }
 
 #[cfg(test)]

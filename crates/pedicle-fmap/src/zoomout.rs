@@ -10,13 +10,14 @@
 //!
 //! Melzi, Ren, Rodolà, Sharma, Wonka & Ovsjanikov 2019; Ovsjanikov et al. 2012, section 6.
 
+use faer::Mat;
 use pedicle_spectral::LaplaceBasis;
 
 use crate::{
     FmapError, FunctionalMap, PointMap, Side,
-    convert::{check_basis, check_map, nearest_point_map, pulled_back},
+    convert::{check_basis, check_map},
+    correspondence::Correspondence,
     linear::nearest_orthogonal,
-    quality::vertex_coverage,
 };
 
 /// How far and in which steps ZoomOut goes.
@@ -95,21 +96,22 @@ pub fn zoomout(
     let grown_source = options.n_source - start.1;
     let grown_target = options.n_target - start.0;
     let n_steps = grown_source.div_ceil(options.step).max(grown_target.min(1));
-    let mut current = map.clone();
-    let mut point_map = nearest_point_map(source, target, &current);
-    let mut report = vec![step_report(&current, &point_map, None)];
+    let mut current = map.matrix.clone();
+    let sizes = (options.n_target, options.n_source);
+    let mut correspondence = Correspondence::new(source, target, sizes);
+    let changed = correspondence.assign(current.as_ref());
+    let mut report = vec![step_report(&current, &correspondence, changed)];
     for step in 1..=n_steps {
         let n_source = (start.1 + step * options.step).min(options.n_source);
         // In proportion to the source, and exact at the end.
         let n_target = start.0 + grown_target * step / n_steps;
-        current = pulled_back(source, target, &point_map, (n_target, n_source));
-        let next = nearest_point_map(source, target, &current);
-        report.push(step_report(&current, &next, Some(&point_map)));
-        point_map = next;
+        current = correspondence.pulled_back((n_target, n_source));
+        let changed = correspondence.assign(current.as_ref());
+        report.push(step_report(&current, &correspondence, changed));
     }
     Ok(Refined {
-        map: current,
-        point_map,
+        map: FunctionalMap { matrix: current },
+        point_map: correspondence.point_map(),
         report,
     })
 }
@@ -126,25 +128,21 @@ pub fn spectral_icp(
 ) -> Result<Refined, FmapError> {
     check_map(source, target, map)?;
     let size = (map.n_target(), map.n_source());
-    let mut current = map.clone();
-    let mut point_map = nearest_point_map(source, target, &current);
-    let mut report = vec![step_report(&current, &point_map, None)];
+    let mut current = map.matrix.clone();
+    let mut correspondence = Correspondence::new(source, target, size);
+    let changed = correspondence.assign(current.as_ref());
+    let mut report = vec![step_report(&current, &correspondence, changed)];
     for _ in 0..n_rounds {
-        let pulled = pulled_back(source, target, &point_map, size);
-        current = FunctionalMap {
-            matrix: nearest_orthogonal(&pulled.matrix)?,
-        };
-        let next = nearest_point_map(source, target, &current);
-        let step = step_report(&current, &next, Some(&point_map));
-        report.push(step);
-        point_map = next;
-        if step.changed <= 0.0 {
+        current = nearest_orthogonal(&correspondence.pulled_back(size))?;
+        let changed = correspondence.assign(current.as_ref());
+        report.push(step_report(&current, &correspondence, changed));
+        if changed == 0 {
             break;
         }
     }
     Ok(Refined {
-        map: current,
-        point_map,
+        map: FunctionalMap { matrix: current },
+        point_map: correspondence.point_map(),
         report,
     })
 }
@@ -156,29 +154,23 @@ pub(crate) fn icp_rounds(
     point_map: &PointMap,
     (size, n_rounds): ((usize, usize), usize),
 ) -> Result<PointMap, FmapError> {
-    let mut point_map = point_map.clone();
+    let mut correspondence = Correspondence::new(source, target, size);
+    correspondence.start_from(point_map);
     for _ in 0..n_rounds {
-        let pulled = pulled_back(source, target, &point_map, size);
-        let matrix = nearest_orthogonal(&pulled.matrix)?;
-        let next = nearest_point_map(source, target, &FunctionalMap { matrix });
-        if next == point_map {
+        let matrix = nearest_orthogonal(&correspondence.pulled_back(size))?;
+        if correspondence.assign(matrix.as_ref()) == 0 {
             break;
         }
-        point_map = next;
     }
-    Ok(point_map)
+    Ok(correspondence.point_map())
 }
 
-fn step_report(map: &FunctionalMap, now: &PointMap, before: Option<&PointMap>) -> SpectralStep {
-    let changed = before.map_or(1.0, |before| {
-        let pairs = now.source_of_target.iter().zip(&before.source_of_target);
-        pairs.filter(|(a, b)| a != b).count() as f64 / now.n_target_vertices() as f64
-    });
+fn step_report(map: &Mat<f64>, correspondence: &Correspondence, n_changed: usize) -> SpectralStep {
     SpectralStep {
-        n_source: map.n_source(),
-        n_target: map.n_target(),
-        coverage: vertex_coverage(now),
-        changed,
+        n_source: map.ncols(),
+        n_target: map.nrows(),
+        coverage: correspondence.coverage(),
+        changed: n_changed as f64 / correspondence.n_target_vertices() as f64,
     }
 }
 
