@@ -1,72 +1,129 @@
 //! Eight rows side by side: distances to all of them in one pass over the coordinates.
 //!
 //! ```text
-//! block b, coordinate j:  (r_8b(j), …, r_8b+7(j))          missing rows are infinitely far
+//! batch b, coordinate j:  (r_32b(j), …, r_32b+31(j)),    a leaf is a quarter of a batch
 //! ```
 //!
 //! Σ (q_j - r_j)² is summed as it stands: unlike |q|² - 2 q·r + |r|² it loses no digits where rows
 //! nearly coincide, and it is the same number wherever it is computed.
 
-/// Rows in a block.
-pub(crate) const LANES: usize = 8;
+use faer::{MatMut, MatRef};
 
+/// Rows in a leaf.
+pub(crate) const LANES: usize = 8;
+/// Rows in a batch, for products to be worth their while.
+pub(crate) const ROWS_PER_BATCH: usize = 32;
+/// Leaves in a batch.
+const LEAVES_PER_BATCH: usize = ROWS_PER_BATCH / LANES;
 /// Coordinates between two looks at whether the sums are enough; even.
 const CHECK_EVERY: usize = 16;
 
 /// One number of each of eight rows.
 pub(crate) type Row = [f64; LANES];
 
-/// Rows in blocks of eight.
+/// Rows in batches, each a 32 × dimension matrix stored by columns.
+///
+/// Places beyond the last row hold the last row once more, if they hold anything.
 #[derive(Debug, Clone)]
 pub(crate) struct Lanes {
-    blocks: Vec<Row>,
+    values: Vec<Row>,
     n_rows: usize,
     dimension: usize,
 }
 
 impl Lanes {
-    /// Rows at infinity.
-    pub(crate) fn infinite(n_rows: usize, dimension: usize) -> Self {
-        let blocks = vec![[f64::INFINITY; LANES]; n_rows.div_ceil(LANES) * dimension];
+    pub(crate) fn zeros(n_rows: usize, dimension: usize) -> Self {
+        let n_batches = n_rows.div_ceil(ROWS_PER_BATCH);
         Self {
-            blocks,
+            values: vec![[0.0; LANES]; n_batches * LEAVES_PER_BATCH * dimension],
             n_rows,
             dimension,
         }
+    }
+
+    /// The rows of a matrix in an order.
+    pub(crate) fn from_rows(matrix: MatRef<'_, f64>, order: &[u32]) -> Self {
+        let mut lanes = Self::zeros(order.len(), matrix.ncols());
+        let last = order.len().saturating_sub(1);
+        for place in 0..lanes.n_batches() * ROWS_PER_BATCH {
+            let row = order[place.min(last)] as usize;
+            for j in 0..matrix.ncols() {
+                lanes.set(place, j, matrix[(row, j)]);
+            }
+        }
+        lanes
     }
 
     pub(crate) fn n_rows(&self) -> usize {
         self.n_rows
     }
 
-    pub(crate) fn dimension(&self) -> usize {
-        self.dimension
+    fn n_batches(&self) -> usize {
+        self.n_rows.div_ceil(ROWS_PER_BATCH)
+    }
+
+    /// Place of one coordinate of a leaf.
+    fn place(&self, leaf: usize, coordinate: usize) -> usize {
+        let column = leaf / LEAVES_PER_BATCH * self.dimension + coordinate;
+        column * LEAVES_PER_BATCH + leaf % LEAVES_PER_BATCH
     }
 
     pub(crate) fn set(&mut self, row: usize, coordinate: usize, value: f64) {
-        self.blocks[row / LANES * self.dimension + coordinate][row % LANES] = value;
+        let place = self.place(row / LANES, coordinate);
+        self.values[place][row % LANES] = value;
     }
 
     pub(crate) fn get(&self, row: usize, coordinate: usize) -> f64 {
-        self.blocks[row / LANES * self.dimension + coordinate][row % LANES]
+        self.values[self.place(row / LANES, coordinate)][row % LANES]
     }
 
-    /// Squared distances of the rows of a block to a query over the query's coordinates.
+    /// A batch, 32 × dimension.
+    pub(crate) fn batch(&self, batch: usize) -> MatRef<'_, f64> {
+        let size = LEAVES_PER_BATCH * self.dimension;
+        let values = self.values[batch * size..(batch + 1) * size].as_flattened();
+        MatRef::from_column_major_slice(values, ROWS_PER_BATCH, self.dimension)
+    }
+
+    /// All batches, one slice each.
+    pub(crate) fn batches_mut(
+        &mut self,
+    ) -> impl rayon::iter::IndexedParallelIterator<Item = MatMut<'_, f64>> {
+        use rayon::prelude::*;
+        let dimension = self.dimension;
+        let chunks = self.values.par_chunks_mut(LEAVES_PER_BATCH * dimension);
+        chunks.map(move |values| {
+            MatMut::from_column_major_slice_mut(
+                values.as_flattened_mut(),
+                ROWS_PER_BATCH,
+                dimension,
+            )
+        })
+    }
+
+    /// The first coordinates of the rows of a leaf.
+    #[inline(always)]
+    pub(crate) fn leaf(&self, leaf: usize, count: usize) -> impl Iterator<Item = &Row> {
+        let rows = &self.values[self.place(leaf, 0)..];
+        rows.iter().step_by(LEAVES_PER_BATCH).take(count)
+    }
+
+    /// Squared distances of the rows of a leaf to a query over the query's coordinates.
     ///
     /// Once all are above `enough`, the sums so far are returned: lower bounds.
     #[inline(always)]
-    pub(crate) fn squared_distances(&self, block: usize, query: &[f64], enough: f64) -> Row {
-        let start = block * self.dimension;
-        let rows = &self.blocks[start..start + query.len()];
+    pub(crate) fn squared_distances(&self, leaf: usize, query: &[f64], enough: f64) -> Row {
+        let first = self.place(leaf, 0);
+        let rows = &self.values[first..first + (query.len() - 1) * LEAVES_PER_BATCH + 1];
         // Two sums, so that one addition need not wait for the other.
         let (mut even, mut odd) = ([0.0; LANES], [0.0; LANES]);
-        for (rows, query) in rows.chunks(CHECK_EVERY).zip(query.chunks(CHECK_EVERY)) {
-            for (row, q) in rows.chunks_exact(2).zip(query.chunks_exact(2)) {
+        let rows = rows.chunks(CHECK_EVERY * LEAVES_PER_BATCH);
+        for (rows, query) in rows.zip(query.chunks(CHECK_EVERY)) {
+            let pairs = rows.chunks(2 * LEAVES_PER_BATCH).zip(query.chunks(2));
+            for (row, q) in pairs {
                 even = plus_squares(even, row[0], q[0]);
-                odd = plus_squares(odd, row[1], q[1]);
-            }
-            if query.len() % 2 == 1 {
-                even = plus_squares(even, rows[query.len() - 1], query[query.len() - 1]);
+                if let (Some(row), Some(q)) = (row.get(LEAVES_PER_BATCH), q.get(1)) {
+                    odd = plus_squares(odd, *row, *q);
+                }
             }
             if smallest_of(&plus(even, odd)) > enough {
                 break;
@@ -85,17 +142,6 @@ fn plus(a: Row, b: Row) -> Row {
     sum
 }
 
-/// The smallest of eight.
-#[inline(always)]
-pub(crate) fn smallest_of(row: &Row) -> f64 {
-    let less = |a: f64, b: f64| if a < b { a } else { b };
-    let mut half = [0.0; LANES / 2];
-    for lane in 0..LANES / 2 {
-        half[lane] = less(row[lane], row[lane + LANES / 2]);
-    }
-    less(less(half[0], half[2]), less(half[1], half[3]))
-}
-
 /// sum + (row - q)², by value: in memory the compiler would have to go entry by entry.
 #[inline(always)]
 fn plus_squares(sum: Row, row: Row, q: f64) -> Row {
@@ -107,18 +153,13 @@ fn plus_squares(sum: Row, row: Row, q: f64) -> Row {
     out
 }
 
-/// Σ (a_i - b_i)².
+/// The smallest of eight.
 #[inline(always)]
-pub(crate) fn squared_distance(a: &[f64], b: &[f64]) -> f64 {
-    let mut lanes = [0.0; LANES];
-    let (a_chunks, b_chunks) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
-    let rest = a_chunks.remainder().iter().zip(b_chunks.remainder());
-    let rest: f64 = rest.map(|(x, y)| (x - y) * (x - y)).sum();
-    for (x, y) in a_chunks.zip(b_chunks) {
-        for lane in 0..LANES {
-            let difference = x[lane] - y[lane];
-            lanes[lane] = difference.mul_add(difference, lanes[lane]);
-        }
+pub(crate) fn smallest_of(row: &Row) -> f64 {
+    let less = |a: f64, b: f64| if a < b { a } else { b };
+    let mut half = [0.0; LANES / 2];
+    for lane in 0..LANES / 2 {
+        half[lane] = less(row[lane], row[lane + LANES / 2]);
     }
-    lanes.iter().sum::<f64>() + rest
+    less(less(half[0], half[2]), less(half[1], half[3]))
 }

@@ -71,6 +71,7 @@
 //! ```
 
 mod adjacency;
+mod ball_tree;
 mod bcicp;
 mod convert;
 mod correspondence;
@@ -84,7 +85,6 @@ mod mask;
 mod nearest;
 mod operators;
 mod quality;
-mod row_tree;
 mod spatial;
 mod zoomout;
 

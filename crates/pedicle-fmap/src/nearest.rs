@@ -1,37 +1,35 @@
-//! Nearest rows: for every row q of one matrix the nearest row r of another, again and again.
+//! Nearest rows: for every row q of one matrix the nearest row r of another.
 //!
 //! ```text
-//! |q - r| ≥ |q - centre| - radius       for r in a ball
-//! |q' - r| ≥ |q - r| - |q' - q|         for a query that has moved a little
+//! |q - r| ≥ |q - centre| - radius       for every r in a ball
 //! ```
 //!
-//! A refinement asks the same question in every step, with queries that move little and rows that
-//! gain coordinates, which only adds to distances. So every query keeps a short list of leaves
-//! with a lower bound on its distance to each, and one bound for all others. In a step the bounds
-//! shrink by how far the query has moved; the leaf of its last answer is measured, and of the
-//! others those whose bound lies below the best distance so far: three to six of thousands. When
-//! the bound for all others is used up, the tree of balls makes a new list. (Hamerly 2010 and Ding
-//! et al. 2015 speed up k-means in this way.)
+//! A guess, such as the answer of the step before, bounds the distance from above; balls around
+//! neighbouring rows bound it from below, first for 32 neighbouring queries at once, then for each
+//! alone. What is left is measured eight rows at a time, and given up as soon as a part of the
+//! coordinates is too far: of thousands of rows a few dozen are measured to the end. Leaf by leaf,
+//! so that a leaf stays in the cache for all queries of a batch.
 //!
-//! The answer is that of an exhaustive search: distances are sums of squares, among equals the
-//! lowest index wins, and it depends neither on what was known before nor on the number of threads.
-
-use std::ops::Range;
+//! The answer of a whole search is that of an exhaustive one: distances are sums of squares, among
+//! equals the lowest index wins, and it depends neither on the guess nor on the number of threads.
+//! A refinement by small steps moves images little, so it can search whole only now and then and
+//! in between try only the few leaves that came nearest to each query in the last whole
+//! search.
 
 use faer::{Mat, MatRef};
 use rayon::prelude::*;
 
 use crate::{
-    lanes::{LANES, smallest_of, squared_distance},
-    row_tree::{Balls, RowTree, neighbours_side_by_side},
+    ball_tree::{BallTree, Balls, neighbours_side_by_side},
+    lanes::{LANES, smallest_of},
 };
 
 /// Queries that are searched for together.
-pub(crate) const QUERIES_PER_BATCH: usize = 32;
-/// Leaves on a list at most.
-const LEAVES_PER_LIST: usize = 48;
-/// A list reaches this many times the distance to the nearest row.
-const LIST_REACH: f64 = 3.0;
+const QUERIES_PER_BATCH: usize = 32;
+/// Leaves that a query remembers from a whole search.
+const LEAVES_PER_QUERY: usize = 16;
+/// They lie within this many times the distance of the nearest row.
+const REMEMBERED_REACH: f64 = 1.5;
 /// Relative room for rounding in bounds; far above d ε, far below what the bounds gain.
 const BOUND_SLACK: f64 = 1e-10;
 
@@ -41,269 +39,245 @@ const BOUND_SLACK: f64 = 1e-10;
 pub(crate) fn nearest_rows(queries: MatRef<'_, f64>, references: MatRef<'_, f64>) -> Vec<u32> {
     debug_assert_eq!(queries.ncols(), references.ncols(), "same dimension");
     debug_assert!(references.nrows() > 0, "something to choose from");
-    let mut tree = RowTree::new(references);
-    tree.grow_to(queries.ncols());
+    let tree = BallTree::at_rest(references);
     let order = neighbours_side_by_side(queries);
     // Points as columns: contiguous.
     let queries = Mat::from_fn(queries.ncols(), order.len(), |j, i| {
         queries[(order[i] as usize, j)]
     });
-    let arch = pulp::Arch::new();
-    let mut found = vec![0; order.len()];
-    found
-        .par_chunks_mut(QUERIES_PER_BATCH)
-        .enumerate()
-        .for_each_init(Scratch::default, |scratch, (batch, found)| {
-            let first = batch * QUERIES_PER_BATCH;
-            let queries = queries.subcols(first, found.len());
-            arch.dispatch(OneSearch {
-                tree: &tree,
-                queries,
-                found,
-                scratch,
-            });
-        });
+    let mut known = vec![Known::default(); order.len()];
+    search(&tree, queries.as_ref(), &mut known, Search::Whole);
     let mut rows = vec![0; order.len()];
-    for (&query, found) in order.iter().zip(found) {
-        rows[query as usize] = found;
+    for (&query, known) in order.iter().zip(known) {
+        rows[query as usize] = tree.order[known.image.unwrap_or_default() as usize];
     }
     rows
 }
 
-/// A search without a past.
-struct OneSearch<'a> {
-    tree: &'a RowTree,
-    /// One a column.
-    queries: MatRef<'a, f64>,
-    found: &'a mut [u32],
-    scratch: &'a mut Scratch,
+/// What is known of a query.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Known {
+    /// Position of the nearest row, or a guess of it.
+    pub(crate) image: Option<u32>,
+    /// Leaves that came near in the last whole search that remembered them.
+    near: Vec<u32>,
 }
 
-impl pulp::WithSimd for OneSearch<'_> {
+/// Where to search.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Search {
+    /// Everywhere.
+    Whole,
+    /// Everywhere, remembering what came near.
+    WholeRemembering,
+    /// In what came near.
+    Remembered,
+}
+
+/// Finds the nearest rows of a tree to the queries, one a column, neighbours side by side.
+pub(crate) fn search(
+    tree: &BallTree,
+    queries: MatRef<'_, f64>,
+    known: &mut [Known],
+    search: Search,
+) {
+    let arch = pulp::Arch::new();
+    known
+        .par_chunks_mut(QUERIES_PER_BATCH)
+        .enumerate()
+        .for_each(|(i, known)| {
+            let queries = queries.subcols(i * QUERIES_PER_BATCH, known.len());
+            arch.dispatch(Batch {
+                tree,
+                queries,
+                known,
+                search,
+            });
+        });
+}
+
+/// The search for some queries, compiled for the widest registers there are.
+struct Batch<'a> {
+    tree: &'a BallTree,
+    /// One a column.
+    queries: MatRef<'a, f64>,
+    known: &'a mut [Known],
+    search: Search,
+}
+
+impl pulp::WithSimd for Batch<'_> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _: S) {
-        for (i, slot) in self.found.iter_mut().enumerate() {
-            let column = self.queries.col(i).try_as_col_major();
-            let query = column.map_or(&[][..], |column| column.as_slice());
-            let best = nearest_by_balls(self.tree, query, None, self.scratch);
-            *slot = self.tree.order[best.position as usize];
+        let Self {
+            tree,
+            queries,
+            known,
+            search,
+        } = self;
+        let mut best = [Best::default(); QUERIES_PER_BATCH];
+        let best = &mut best[..known.len()];
+        for (i, best) in best.iter_mut().enumerate() {
+            let query = column(queries, i);
+            *best = Best::new(tree, query);
+            let leaf = match known[i].image {
+                Some(position) => position as usize / LANES,
+                None => leaf_with_nearest_centre(tree, query),
+            };
+            best.measure(tree, leaf, query, 1.0);
+            if search == Search::Remembered {
+                for &leaf in &known[i].near {
+                    best.measure(tree, leaf as usize, query, 1.0);
+                }
+            }
+        }
+        match search {
+            Search::Whole => search_everywhere(tree, queries, best, None),
+            Search::WholeRemembering => {
+                let mut near = vec![Vec::new(); best.len()];
+                search_everywhere(tree, queries, best, Some(&mut near));
+                for (known, near) in known.iter_mut().zip(&mut near) {
+                    known.remember(near);
+                }
+            }
+            Search::Remembered => {}
+        }
+        for (known, best) in known.iter_mut().zip(best) {
+            known.image = Some(best.position);
         }
     }
 }
 
-/// What is known of one query.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct Known {
-    /// Position of the nearest row.
-    pub(crate) image: Option<u32>,
-    /// Coordinates when the list was made; none without a list.
-    n_coordinates: usize,
-    /// Leaves in the order of their bounds.
-    leaves: Vec<u32>,
-    /// For each a lower bound on the distance of its rows.
-    bounds: Vec<f64>,
-    /// A lower bound on the distance of the rows of all other leaves.
-    rest: f64,
-}
-
-/// Room for a search, kept from query to query.
-#[derive(Default)]
-pub(crate) struct Scratch {
-    /// Lower bound and number of the leaves looked at.
-    leaves: Vec<(f64, u32)>,
-    /// Lower bounds of the groups.
-    groups: Vec<f64>,
-    /// Lower bounds of the leaves of one group.
-    members: Vec<f64>,
-}
+/// Distance and number of leaves that came near to a query.
+type Near = Vec<(f64, u32)>;
 
 impl Known {
-    /// Takes an image, as if nothing else were known.
-    pub(crate) fn at(image: u32) -> Self {
-        Self {
-            image: Some(image),
-            ..Self::default()
+    fn remember(&mut self, near: &mut Near) {
+        let nearer = |a: &(f64, u32), b: &(f64, u32)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
+        if near.len() > LEAVES_PER_QUERY {
+            near.select_nth_unstable_by(LEAVES_PER_QUERY, nearer);
+            near.truncate(LEAVES_PER_QUERY);
         }
-    }
-
-    /// Finds the nearest row to a query; `origin` is where it stood when its list was made.
-    #[inline(always)]
-    pub(crate) fn update(
-        &mut self,
-        tree: &RowTree,
-        query: &[f64],
-        origin: &mut [f64],
-        scratch: &mut Scratch,
-    ) {
-        let own = self.image.map(|image| image as usize / LANES);
-        if let Some(own) = own
-            && self.n_coordinates > 0
-        {
-            let (now, then) = (&query[..self.n_coordinates], &origin[..self.n_coordinates]);
-            let movement = squared_distance(now, then).sqrt();
-            let mut best = Best::new(tree, query);
-            best.measure(tree, own, query, f64::INFINITY);
-            if self.rest > best.reach + movement {
-                for (&leaf, &bound) in self.leaves.iter().zip(&self.bounds) {
-                    if bound > best.reach + movement {
-                        break;
-                    }
-                    if leaf as usize != own {
-                        best.measure(tree, leaf as usize, query, best.reach);
-                    }
-                }
-                self.image = Some(best.position);
-                return;
-            }
-        }
-        let best = nearest_by_balls(tree, query, own, scratch);
-        self.image = Some(best.position);
-        self.make_list(tree, query, best.reach, scratch);
-        self.n_coordinates = query.len();
-        origin[..query.len()].copy_from_slice(query);
-    }
-
-    /// Makes a list of the leaves up to some distance beyond the nearest row.
-    #[inline(always)]
-    fn make_list(&mut self, tree: &RowTree, query: &[f64], reach: f64, scratch: &mut Scratch) {
-        let wanted = LIST_REACH * reach;
-        self.rest = wanted;
-        for group in 0..tree.groups.radii.len() {
-            let bound = scratch.groups[group];
-            // What lies within reach has been looked at.
-            if bound > reach && bound <= wanted {
-                let range = tree.leaves_of(group);
-                lower_bounds(
-                    &tree.leaves,
-                    range.clone(),
-                    (query, wanted),
-                    &mut scratch.members,
-                );
-                for (leaf, &bound) in range.zip(&scratch.members) {
-                    scratch.leaves.push((bound, leaf as u32));
-                }
-            }
-        }
-        let listed = &mut scratch.leaves;
-        listed.retain(|&(bound, _)| bound <= wanted);
-        for (bound, leaf) in listed.iter_mut() {
-            if *bound > reach {
-                let squared = tree
-                    .rows
-                    .squared_distances(*leaf as usize, query, wanted * wanted);
-                *bound = smallest_of(&squared).sqrt();
-            }
-        }
-        listed.retain(|&(bound, _)| bound <= wanted);
-        let before = |a: &(f64, u32), b: &(f64, u32)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
-        if listed.len() > LEAVES_PER_LIST {
-            listed.select_nth_unstable_by(LEAVES_PER_LIST, before);
-            self.rest = listed[LEAVES_PER_LIST].0;
-            listed.truncate(LEAVES_PER_LIST);
-        }
-        listed.sort_unstable_by(before);
-        self.leaves.clear();
-        self.bounds.clear();
-        self.leaves.extend(listed.iter().map(|&(_, leaf)| leaf));
-        self.bounds.extend(listed.iter().map(|&(bound, _)| bound));
+        near.sort_unstable_by(nearer);
+        self.near.clear();
+        self.near.extend(near.iter().map(|&(_, leaf)| leaf));
     }
 }
 
-/// The nearest row, by balls alone; `scratch` keeps the bounds of what was looked at.
+/// Goes through all balls that come near enough to some query.
 #[inline(always)]
-fn nearest_by_balls(
-    tree: &RowTree,
-    query: &[f64],
-    guess: Option<usize>,
-    scratch: &mut Scratch,
-) -> Best {
-    let n_groups = tree.groups.radii.len();
-    lower_bounds(
-        &tree.groups,
-        0..n_groups,
-        (query, f64::INFINITY),
-        &mut scratch.groups,
-    );
-    let first = guess.unwrap_or_else(|| {
-        let group = lowest(&scratch.groups);
-        let range = tree.leaves_of(group);
-        lower_bounds(
-            &tree.leaves,
-            range.clone(),
-            (query, f64::INFINITY),
-            &mut scratch.members,
-        );
-        range.start + lowest(&scratch.members)
-    });
-    let mut best = Best::new(tree, query);
-    let own_bound = best.measure(tree, first, query, f64::INFINITY);
-    scratch.leaves.clear();
-    for group in 0..n_groups {
-        let bound = scratch.groups[group];
-        if bound > best.reach {
-            continue;
-        }
-        let range = tree.leaves_of(group);
-        let enough = LIST_REACH * best.reach;
-        lower_bounds(
-            &tree.leaves,
-            range.clone(),
-            (query, enough),
-            &mut scratch.members,
-        );
-        for (leaf, &bound) in range.zip(&scratch.members) {
-            let bound = if leaf == first {
-                own_bound
-            } else if bound <= best.reach {
-                best.measure(tree, leaf, query, LIST_REACH * best.reach)
-            } else {
-                bound
-            };
-            scratch.leaves.push((bound, leaf as u32));
-        }
-        // Looked at, so not to be looked at again when the list is made.
-        scratch.groups[group] = f64::NEG_INFINITY;
-    }
-    best
-}
-
-/// Bounds |q - centre| - radius for a run of balls that begins with a block of centres; above
-/// `enough` they may be lower than that.
-#[inline(always)]
-fn lower_bounds(
-    balls: &Balls,
-    run: Range<usize>,
-    (query, enough): (&[f64], f64),
-    out: &mut Vec<f64>,
+fn search_everywhere(
+    tree: &BallTree,
+    queries: MatRef<'_, f64>,
+    best: &mut [Best],
+    mut near: Option<&mut Vec<Near>>,
 ) {
-    out.clear();
-    for first in run.clone().step_by(LANES) {
-        let radii = &balls.radii[first..(first + LANES).min(run.end)];
-        let largest = radii.iter().fold(0.0, |a, &b| if b > a { b } else { a });
-        let enough = (enough + largest) * (enough + largest);
-        let squared = balls
-            .centres
-            .squared_distances(first / LANES, query, enough);
-        let pairs = squared.iter().zip(radii);
-        out.extend(pairs.map(|(squared, radius)| squared.sqrt() - radius));
+    let further = if near.is_some() {
+        REMEMBERED_REACH
+    } else {
+        1.0
+    };
+    let (centre, reach) = ball_around(queries, best, further);
+    for groups in 0..tree.groups.len().div_ceil(LANES) {
+        let in_reach = tree.groups.in_reach(groups, &centre, reach);
+        for group in (0..LANES).filter(|&lane| in_reach[lane]) {
+            for block in tree.blocks_of(groups * LANES + group) {
+                let wanted = tree.leaves.in_reach(block, &centre, reach);
+                if !wanted.contains(&true) {
+                    continue;
+                }
+                for (i, best) in best.iter_mut().enumerate() {
+                    let query = column(queries, i);
+                    let in_reach = tree.leaves.in_reach(block, query, further * best.reach);
+                    for lane in 0..LANES {
+                        if !(wanted[lane] && in_reach[lane]) {
+                            continue;
+                        }
+                        let leaf = block * LANES + lane;
+                        let distance = best.measure(tree, leaf, query, further);
+                        if let Some(near) = &mut near
+                            && distance <= further * best.reach
+                        {
+                            near[i].push((distance, leaf as u32));
+                        }
+                    }
+                }
+            }
+        }
     }
 }
 
+/// A ball around all queries that holds their nearest rows too, and what lies that much further.
 #[inline(always)]
-fn lowest(values: &[f64]) -> usize {
-    let mut lowest = 0;
-    for (i, value) in values.iter().enumerate() {
-        if *value < values[lowest] {
-            lowest = i;
+fn ball_around(queries: MatRef<'_, f64>, best: &[Best], further: f64) -> (Vec<f64>, f64) {
+    let mut centre = vec![0.0; queries.nrows()];
+    for i in 0..queries.ncols() {
+        for (c, x) in centre.iter_mut().zip(column(queries, i)) {
+            *c += x / queries.ncols() as f64;
         }
     }
-    lowest
+    let mut reach = 0.0;
+    for (i, best) in best.iter().enumerate() {
+        let pairs = centre.iter().zip(column(queries, i));
+        let own = pairs.map(|(c, x)| (c - x) * (c - x)).sum::<f64>().sqrt();
+        let sum = (own + further * best.reach) * (1.0 + BOUND_SLACK);
+        reach = if sum > reach { sum } else { reach };
+    }
+    (centre, reach)
+}
+
+/// The leaf with the nearest centre in the group with the nearest centre.
+#[inline(always)]
+fn leaf_with_nearest_centre(tree: &BallTree, query: &[f64]) -> usize {
+    let mut group = (f64::INFINITY, 0);
+    for block in 0..tree.groups.len().div_ceil(LANES) {
+        let found = tree.groups.nearest_centre(block, query);
+        group = if found.0 < group.0 { found } else { group };
+    }
+    let mut leaf = (f64::INFINITY, 0);
+    for block in tree.blocks_of(group.1) {
+        let found = tree.leaves.nearest_centre(block, query);
+        leaf = if found.0 < leaf.0 { found } else { leaf };
+    }
+    leaf.1
+}
+
+impl Balls {
+    /// Which of eight balls come within `reach` of a point.
+    #[inline(always)]
+    fn in_reach(&self, block: usize, point: &[f64], reach: f64) -> [bool; LANES] {
+        let first = block * LANES;
+        let radii = &self.radii[first..(first + LANES).min(self.len())];
+        let mut largest = 0.0;
+        for radius in radii {
+            largest = if *radius > largest { *radius } else { largest };
+        }
+        let enough = (reach + largest) * (reach + largest);
+        let squared = self.centres.squared_distances(block, point, enough);
+        let mut in_reach = [false; LANES];
+        for (lane, radius) in radii.iter().enumerate() {
+            in_reach[lane] = squared[lane] <= (reach + radius) * (reach + radius);
+        }
+        in_reach
+    }
+
+    /// The nearest of eight centres: squared distance and number.
+    #[inline(always)]
+    fn nearest_centre(&self, block: usize, point: &[f64]) -> (f64, usize) {
+        let squared = self.centres.squared_distances(block, point, f64::INFINITY);
+        let mut nearest = (f64::INFINITY, block * LANES);
+        for (lane, &distance) in squared.iter().enumerate() {
+            if distance < nearest.0 && block * LANES + lane < self.len() {
+                nearest = (distance, block * LANES + lane);
+            }
+        }
+        nearest
+    }
 }
 
 /// The nearest row so far.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 struct Best {
     squared_distance: f64,
     position: u32,
@@ -314,7 +288,7 @@ struct Best {
 
 impl Best {
     #[inline(always)]
-    fn new(tree: &RowTree, query: &[f64]) -> Self {
+    fn new(tree: &BallTree, query: &[f64]) -> Self {
         let norm = query.iter().map(|x| x * x).sum::<f64>().sqrt();
         Self {
             squared_distance: f64::INFINITY,
@@ -324,28 +298,38 @@ impl Best {
         }
     }
 
-    /// Measures the rows of a leaf: a lower bound on the distance of each of them.
-    ///
-    /// Leaves beyond `enough` are not measured to the end; within it the bound is the distance.
+    /// Measures the rows of a leaf, to the end only if one of them is within `further` times the
+    /// reach; returns a lower bound on their distance, up to there the distance itself.
     #[inline(always)]
-    fn measure(&mut self, tree: &RowTree, leaf: usize, query: &[f64], enough: f64) -> f64 {
+    fn measure(&mut self, tree: &BallTree, leaf: usize, query: &[f64], further: f64) -> f64 {
+        let enough = further * self.reach;
         let squared = tree.rows.squared_distances(leaf, query, enough * enough);
         let smallest = smallest_of(&squared);
-        if smallest <= self.squared_distance {
-            for (lane, &value) in squared.iter().enumerate() {
-                let position = leaf * LANES + lane;
-                let tie = value <= self.squared_distance
-                    && position < tree.n_rows()
-                    && tree.order[position] < tree.order[self.position as usize];
-                if value < self.squared_distance || tie {
-                    self.squared_distance = value;
-                    self.position = position as u32;
-                }
-            }
-            self.reach = self.squared_distance.sqrt() + self.slack;
+        if smallest > self.squared_distance {
+            return smallest.sqrt();
         }
+        for (lane, &value) in squared.iter().enumerate() {
+            let position = leaf * LANES + lane;
+            if position >= tree.n_rows() {
+                break;
+            }
+            let tie = value <= self.squared_distance
+                && tree.order[position] < tree.order[self.position as usize];
+            if value < self.squared_distance || tie {
+                self.squared_distance = value;
+                self.position = position as u32;
+            }
+        }
+        self.reach = self.squared_distance.sqrt() + self.slack;
         smallest.sqrt()
     }
+}
+
+/// A column as a slice; all matrices here are stored by columns.
+#[inline(always)]
+fn column(columns: MatRef<'_, f64>, j: usize) -> &[f64] {
+    let column = columns.col(j).try_as_col_major();
+    column.map_or(&[], |column| column.as_slice())
 }
 
 #[cfg(test)]

@@ -99,14 +99,18 @@ pub fn zoomout(
     let mut current = map.matrix.clone();
     let sizes = (options.n_target, options.n_source);
     let mut correspondence = Correspondence::new(source, target, sizes);
-    let changed = correspondence.assign(current.as_ref());
+    let changed = correspondence.assign_step(current.as_ref());
     let mut report = vec![step_report(&current, &correspondence, changed)];
     for step in 1..=n_steps {
         let n_source = (start.1 + step * options.step).min(options.n_source);
         // In proportion to the source, and exact at the end.
         let n_target = start.0 + grown_target * step / n_steps;
         current = correspondence.pulled_back((n_target, n_source));
-        let changed = correspondence.assign(current.as_ref());
+        let changed = if step == n_steps {
+            correspondence.assign(current.as_ref())
+        } else {
+            correspondence.assign_step(current.as_ref())
+        };
         report.push(step_report(&current, &correspondence, changed));
     }
     Ok(Refined {
