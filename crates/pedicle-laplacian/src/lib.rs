@@ -29,12 +29,28 @@
 //! ```
 
 mod assembly;
+mod clean;
+mod cloud;
+mod construct;
+mod delaunay;
 mod error;
+mod gluing;
+mod intrinsic;
+mod laplace;
 mod mollify;
 mod operators;
 mod options;
+mod report;
+mod rows;
+mod sides;
+mod star;
 mod triangle;
 
 pub use error::OperatorError;
+pub use laplace::{LaplaceOperators, Surface, laplace_operators};
 pub use operators::{OperatorReport, Operators, cotangent_operators};
-pub use options::{MassKind, Mollification, OperatorOptions};
+pub use options::{
+    Boundary, Construction, LaplaceOptions, MassKind, Mollification, OperatorOptions,
+};
+pub use report::{LaplaceReport, SurfaceDefects};
+pub use rows::VertexRows;
