@@ -109,7 +109,11 @@ fn append_row(i: usize, row: &[(u32, f64)], columns: &mut Vec<usize>, values: &m
 /// Rows and columns of a matrix for which `new_index` is given; the order must stay.
 pub(crate) fn restrict(matrix: &CsMat<f64>, new_index: &[Option<u32>]) -> CsMat<f64> {
     let (mut starts, mut columns, mut values) = (vec![0], Vec::new(), Vec::new());
-    for (row, _) in matrix.outer_iterator().zip(new_index).filter(|(_, new)| new.is_some()) {
+    for (row, _) in matrix
+        .outer_iterator()
+        .zip(new_index)
+        .filter(|(_, new)| new.is_some())
+    {
         for (column, &value) in row.iter() {
             if let Some(new) = new_index[column] {
                 columns.push(new as usize);

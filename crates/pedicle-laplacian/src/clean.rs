@@ -68,7 +68,10 @@ pub(crate) fn clean_mesh(
             n_faces: faces.len(),
         });
     }
-    let angles: Vec<_> = shapes.iter().map(TriangleShape::smallest_angle_rad).collect();
+    let angles: Vec<_> = shapes
+        .iter()
+        .map(TriangleShape::smallest_angle_rad)
+        .collect();
     defects.smallest_angle_rad = angles.iter().copied().fold(f64::INFINITY, f64::min);
     defects.sliver_faces = select(&kept, &angles, |&angle| angle < sliver_angle_rad);
     defects

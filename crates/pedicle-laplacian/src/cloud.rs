@@ -65,7 +65,9 @@ pub(crate) fn distinct_points(points: &[Point3<f64>]) -> Result<DistinctPoints, 
             distinct.source.push(first);
             distinct.positions.push(points[point]);
         } else {
-            distinct.distinct_of.push(distinct.distinct_of[first as usize]);
+            distinct
+                .distinct_of
+                .push(distinct.distinct_of[first as usize]);
         }
     }
     if distinct.source.len() < MIN_POINTS {

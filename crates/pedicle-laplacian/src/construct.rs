@@ -8,7 +8,7 @@ use nalgebra::Point3;
 
 use crate::clean::{CleanMesh, ZERO_HEIGHT};
 use crate::delaunay::{Flips, flip_to_delaunay};
-use crate::gluing::{FaceSoup, one_sheet, tufted_cover};
+use crate::gluing::{EdgeOrder, FaceSoup, one_sheet, tufted_cover};
 use crate::intrinsic::IntrinsicTriangles;
 use crate::mollify::mollify;
 use crate::sides::{EdgeSide, sides_by_edge};
@@ -100,7 +100,10 @@ pub(crate) fn cloud_triangles(
         .collect();
     let lengths = Lengths::mollified(shapes.iter(), relative_margin);
     let sides = sides_by_edge(faces);
-    let cover = tufted_cover(&lengths.soup(positions, faces, &sides));
+    let cover = tufted_cover(&FaceSoup {
+        order: EdgeOrder::Alternating,
+        ..lengths.soup(positions, faces, &sides)
+    });
     lengths.flipped(cover, 0.5 / 3.0)
 }
 
@@ -137,6 +140,7 @@ impl Lengths {
             faces,
             lengths: &self.lengths,
             sides,
+            order: EdgeOrder::ByAngle,
         }
     }
 
@@ -206,7 +210,10 @@ mod tests {
         for i in 0..n {
             for j in 0..n {
                 let [a, b] = [&w_once, &w_twice].map(|w| w.get(i, j).copied().unwrap_or(0.0));
-                assert!((a - 0.5 * b).abs() < 1e-12, "entry {i} {j}: {a} against {b} / 2");
+                assert!(
+                    (a - 0.5 * b).abs() < 1e-12,
+                    "entry {i} {j}: {a} against {b} / 2"
+                );
                 assert!(i == j || a < 1e-12, "entry {i} {j} is {a}");
             }
         }
@@ -221,7 +228,10 @@ mod tests {
         let doubled = assemble_stiffness(6, &cover.faces(), &cover.shapes());
         for (&w, (i, j)) in plain.iter() {
             let d = doubled.get(i, j).copied().unwrap_or(0.0);
-            assert!((2.0 * w - d).abs() < 1e-12, "entry {i} {j}: 2 × {w} against {d}");
+            assert!(
+                (2.0 * w - d).abs() < 1e-12,
+                "entry {i} {j}: 2 × {w} against {d}"
+            );
         }
     }
 }

@@ -87,7 +87,9 @@ pub enum OperatorError {
         min: usize,
     },
     /// Too few neighbours were asked for.
-    #[error("{n_neighbors} neighbours a point were asked for, but local triangles need at least {min}")]
+    #[error(
+        "{n_neighbors} neighbours a point were asked for, but local triangles need at least {min}"
+    )]
     TooFewNeighbors {
         /// Number asked for.
         n_neighbors: usize,

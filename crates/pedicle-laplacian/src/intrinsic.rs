@@ -36,7 +36,11 @@ pub(crate) fn next(side: u32) -> u32 {
 
 /// The side before this one in its face.
 pub(crate) fn previous(side: u32) -> u32 {
-    if side.is_multiple_of(3) { side + 2 } else { side - 1 }
+    if side.is_multiple_of(3) {
+        side + 2
+    } else {
+        side - 1
+    }
 }
 
 impl IntrinsicTriangles {
@@ -161,11 +165,21 @@ mod tests {
         triangles.lengths[3] = 2.0;
         triangles.lengths[2] = 5.0_f64.sqrt();
         triangles.lengths[5] = 5.0_f64.sqrt();
-        assert!(triangles.flip(2), "the diagonal of a rectangle can be flipped");
+        assert!(
+            triangles.flip(2),
+            "the diagonal of a rectangle can be flipped"
+        );
         assert!(is_glued_well(&triangles), "gluing after the flip");
         let ends = [triangles.starts[2], triangles.starts[5]];
-        assert_eq!([ends[0].min(ends[1]), ends[0].max(ends[1])], [1, 3], "diagonal");
-        assert!((triangles.lengths[2] - 5.0_f64.sqrt()).abs() < 1e-15, "length");
+        assert_eq!(
+            [ends[0].min(ends[1]), ends[0].max(ends[1])],
+            [1, 3],
+            "diagonal"
+        );
+        assert!(
+            (triangles.lengths[2] - 5.0_f64.sqrt()).abs() < 1e-15,
+            "length"
+        );
     }
 
     #[test]
@@ -194,7 +208,10 @@ mod tests {
         assert!(is_glued_well(&pillow), "gluing after the flip");
         assert_eq!([pillow.starts[0], pillow.starts[5]], [2, 2], "a loop");
         let height = (4.0_f64 - 2.25).sqrt();
-        assert!((pillow.lengths[0] - 2.0 * height).abs() < 1e-15, "its length");
+        assert!(
+            (pillow.lengths[0] - 2.0 * height).abs() < 1e-15,
+            "its length"
+        );
         // The two sides of equal length in a face are glued to each other: no flip there.
         let before = pillow.clone();
         assert!(!pillow.flip(next(0)), "refused");

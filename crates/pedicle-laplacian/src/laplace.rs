@@ -20,8 +20,8 @@ use crate::operators::lumped_mass;
 use crate::sides::edges;
 use crate::triangle::TriangleShape;
 use crate::{
-    Boundary, Construction, LaplaceOptions, LaplaceReport, MassKind, OperatorError,
-    SurfaceDefects, VertexRows,
+    Boundary, Construction, LaplaceOptions, LaplaceReport, MassKind, OperatorError, SurfaceDefects,
+    VertexRows,
 };
 
 /// A weight counts as negative below minus this share of the diagonal entries beside it.
@@ -289,7 +289,9 @@ fn finish(
     };
     let vertex_mass = share_mass(&whole_mass, &triangle_vertex);
     let new_row = free_rows(fixed, n, &triangle_vertex)?;
-    let row_of_vertex = triangle_vertex.iter().map(|v| v.and_then(|v| new_row[v as usize]));
+    let row_of_vertex = triangle_vertex
+        .iter()
+        .map(|v| v.and_then(|v| new_row[v as usize]));
     let rows = VertexRows::new(free_of(&source_vertex, &new_row), row_of_vertex.collect());
     if rows.n_rows() == n {
         return Ok(LaplaceOperators {
@@ -336,7 +338,9 @@ fn free_rows(
 /// The values of the free vertices.
 fn free_of<T: Copy>(values: &[T], new_row: &[Option<u32>]) -> Vec<T> {
     let pairs = values.iter().zip(new_row);
-    pairs.filter_map(|(&value, row)| row.map(|_| value)).collect()
+    pairs
+        .filter_map(|(&value, row)| row.map(|_| value))
+        .collect()
 }
 
 /// The mass of every vertex of the input; those that share a vertex of the triangles get equal parts.

@@ -77,7 +77,11 @@ impl VertexRows {
     /// If the number of rows differs.
     #[must_use]
     pub fn extend_columns(&self, columns: MatRef<'_, f64>) -> Mat<f64> {
-        assert_eq!(columns.nrows(), self.n_rows(), "one row per row of the operators");
+        assert_eq!(
+            columns.nrows(),
+            self.n_rows(),
+            "one row per row of the operators"
+        );
         Mat::from_fn(self.n_vertices(), columns.ncols(), |vertex, j| {
             self.row_of_vertex[vertex].map_or(0.0, |r| columns[(r as usize, j)])
         })

@@ -127,7 +127,10 @@ mod tests {
 
     #[test]
     fn points_on_a_line_have_no_triangle() {
-        assert!(star(&[[1.0, 0.5], [-2.0, -1.0], [4.0, 2.0]]).is_empty(), "line");
+        assert!(
+            star(&[[1.0, 0.5], [-2.0, -1.0], [4.0, 2.0]]).is_empty(),
+            "line"
+        );
         assert!(star(&[[1.0, 0.5]]).is_empty(), "one neighbour");
         assert!(star(&[]).is_empty(), "no neighbour");
     }
