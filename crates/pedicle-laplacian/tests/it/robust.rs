@@ -36,7 +36,7 @@ fn spoiled_sphere_has_the_spectrum_of_the_sphere() {
         .flat_map(|l| vec![f64::from(l * (l + 1)); 2 * l as usize + 1])
         .collect();
     let worst = spectral_difference(&eigenvalues, &exact);
-    assert!(worst < 0.01, "{worst}: {eigenvalues:?}");
+    assert!(worst < 0.015, "{worst}: {eigenvalues:?}");
 }
 
 #[test]
