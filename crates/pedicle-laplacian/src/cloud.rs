@@ -149,7 +149,7 @@ fn nearest_neighbors(
         found.clear();
         let nearest = tree.query(point).nearest_n::<SquaredEuclidean<f64>>(wanted);
         let others = nearest.execute().into_iter();
-        let others = others.map(|item| (item.distance, item.item as u32));
+        let others = others.map(|item| (item.distance, item.item));
         found.extend(others.filter(|&(_, j)| j as usize != i));
         found.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         found.truncate(k);

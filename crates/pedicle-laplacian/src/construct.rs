@@ -80,10 +80,10 @@ pub(crate) fn delaunay_triangles(
 /// The tufted cover of a closed oriented surface is two copies of it, which differ in nothing but
 /// their sides: one copy with twice the weight is the same, for half the work.
 fn robust_gluing(soup: &FaceSoup<'_>, n_boundary_edges: usize) -> (IntrinsicTriangles, f64) {
-    if n_boundary_edges == 0 {
-        if let Ok(sheet) = one_sheet(soup) {
-            return (sheet, 1.0);
-        }
+    if n_boundary_edges == 0
+        && let Ok(sheet) = one_sheet(soup)
+    {
+        return (sheet, 1.0);
     }
     (tufted_cover(soup), 0.5)
 }

@@ -152,7 +152,7 @@ mod tests {
             let t = triangles.twins[s as usize];
             t == NO_TWIN
                 || (triangles.twins[t as usize] == s
-                    && triangles.lengths[s as usize] == triangles.lengths[t as usize]
+                    && triangles.length(s).to_bits() == triangles.length(t).to_bits()
                     && triangles.starts[s as usize] == triangles.starts[next(t) as usize]
                     && triangles.starts[t as usize] == triangles.starts[next(s) as usize])
         })
