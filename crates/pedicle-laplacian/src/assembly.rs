@@ -4,7 +4,8 @@
 //! W_ij = -Σ_faces cot(angle facing ij) / 2,   W_ii = -Σ_j W_ij
 //! ```
 //!
-//! CSR with sorted columns. Every off-diagonal entry is summed in the order of the faces on both
+//! A face may name a vertex twice: the edge from a vertex to itself, which edge flips can make,
+//! contributes nothing. CSR with sorted columns. Every off-diagonal entry is summed in the order of the faces on both
 //! sides of the diagonal, so the matrix is symmetric to the last bit and the same on every run.
 
 use sprs::CsMat;
@@ -46,18 +47,25 @@ fn directed_edges(
     shapes: &[TriangleShape],
 ) -> DirectedEdges {
     let mut starts = vec![0; n_vertices + 1];
-    for &v in faces.iter().flatten() {
-        starts[v as usize + 1] += 2;
+    for face in faces {
+        for (from, to) in edges(face) {
+            if from != to {
+                starts[from as usize + 1] += 1;
+                starts[to as usize + 1] += 1;
+            }
+        }
     }
     for i in 0..n_vertices {
         starts[i + 1] += starts[i];
     }
     let mut next = starts.clone();
-    let mut entries = vec![(0, 0.0); 6 * faces.len()];
+    let mut entries = vec![(0, 0.0); starts[n_vertices]];
     for (face, shape) in faces.iter().zip(shapes) {
-        for corner in 0..3 {
-            let (i, j) = (face[(corner + 1) % 3], face[(corner + 2) % 3]);
-            let weight = -0.5 * shape.cotangents[corner];
+        for ((i, j), cotangent) in edges(face).into_iter().zip(shape.cotangents) {
+            if i == j {
+                continue;
+            }
+            let weight = -0.5 * cotangent;
             for (from, to) in [(i, j), (j, i)] {
                 let slot = &mut next[from as usize];
                 entries[*slot] = (to, weight);
@@ -66,6 +74,11 @@ fn directed_edges(
         }
     }
     DirectedEdges { starts, entries }
+}
+
+/// The edges of a face, each opposite one corner in turn.
+fn edges(&[a, b, c]: &[u32; 3]) -> [(u32, u32); 3] {
+    [(b, c), (c, a), (a, b)]
 }
 
 /// Merges equal columns of a sorted row and inserts the diagonal in its place.
@@ -91,4 +104,24 @@ fn append_row(i: usize, row: &[(u32, f64)], columns: &mut Vec<usize>, values: &m
             values.push(-sum);
         }
     }
+}
+
+/// Rows and columns of a matrix for which `new_index` is given; the order must stay.
+pub(crate) fn restrict(matrix: &CsMat<f64>, new_index: &[Option<u32>]) -> CsMat<f64> {
+    let (mut starts, mut columns, mut values) = (vec![0], Vec::new(), Vec::new());
+    for (row, _) in matrix
+        .outer_iterator()
+        .zip(new_index)
+        .filter(|(_, new)| new.is_some())
+    {
+        for (column, &value) in row.iter() {
+            if let Some(new) = new_index[column] {
+                columns.push(new as usize);
+                values.push(value);
+            }
+        }
+        starts.push(columns.len());
+    }
+    let n = starts.len() - 1;
+    CsMat::new((n, n), starts, columns, values)
 }

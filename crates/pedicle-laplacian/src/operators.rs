@@ -69,7 +69,7 @@ pub fn cotangent_operators(
     let (shapes, mollification_mm, relative_mollification) = triangle_shapes(mesh, options);
     let (thinnest_face, thinnest_height_over_length) = check_heights(&shapes, options)?;
     let stiffness = assemble_stiffness(mesh.n_vertices(), mesh.faces(), &shapes);
-    let mass = lumped_mass(mesh, &shapes, options.mass);
+    let mass = lumped_mass(mesh.n_vertices(), mesh.faces(), &shapes, options.mass);
     let report = OperatorReport {
         area_mm2: shapes.iter().map(|s| s.area).sum(),
         mollification_mm,
@@ -163,9 +163,15 @@ fn check_heights(
     Ok(thinnest)
 }
 
-fn lumped_mass(mesh: &TriMesh, shapes: &[TriangleShape], kind: MassKind) -> Vec<f64> {
-    let mut mass = vec![0.0; mesh.n_vertices()];
-    for (face, shape) in mesh.faces().iter().zip(shapes) {
+/// Area of the triangles, shared among their vertices.
+pub(crate) fn lumped_mass(
+    n_vertices: usize,
+    faces: &[[u32; 3]],
+    shapes: &[TriangleShape],
+    kind: MassKind,
+) -> Vec<f64> {
+    let mut mass = vec![0.0; n_vertices];
+    for (face, shape) in faces.iter().zip(shapes) {
         let shares = match kind {
             MassKind::Barycentric => [shape.area / 3.0; 3],
             MassKind::MixedVoronoi => shape.mixed_voronoi_areas(),

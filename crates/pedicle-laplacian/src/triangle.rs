@@ -80,6 +80,18 @@ impl TriangleShape {
         2.0 * self.area / self.squared_lengths[position_of_largest(self.squared_lengths)]
     }
 
+    /// Smallest angle, radians; 0 if the area is 0.
+    pub(crate) fn smallest_angle_rad(&self) -> f64 {
+        if self.area > 0.0 {
+            self.cotangents
+                .iter()
+                .map(|&c| 1.0_f64.atan2(c))
+                .fold(f64::INFINITY, f64::min)
+        } else {
+            0.0
+        }
+    }
+
     /// Mixed Voronoi share of the area for each corner (Meyer et al. 2003, section 3.3).
     pub(crate) fn mixed_voronoi_areas(&self) -> [f64; 3] {
         if let Some(obtuse) = self.cotangents.iter().position(|&c| c < 0.0) {
