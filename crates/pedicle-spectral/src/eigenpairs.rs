@@ -8,12 +8,13 @@
 //! split into its connected blocks; one shift μ with at least k eigenvalues below it is found by
 //! counting them; each block gives all its eigenpairs below μ; the k smallest of them are kept.
 
-use faer::Mat;
+use faer::{Mat, MatRef};
 use sprs::CsMat;
 
 use crate::block::{Block, BlockPairs, Part};
 use crate::components::{check_pencil, connected_components};
 use crate::lanes::{as_slice, as_slice_mut};
+use crate::parallel::map;
 use crate::shift::find_shift;
 use crate::{EigenOptions, LaplaceBasis, SpectralError};
 
@@ -58,6 +59,8 @@ pub struct Work {
     pub n_components: usize,
     /// Number of shifts at which the eigenvalues were counted (one factorisation each).
     pub n_shifts: usize,
+    /// Number of given vectors that solve the pencil and were kept, null vectors not counted.
+    pub n_locked: usize,
     /// Number of vectors multiplied by the inverse, in all blocks.
     pub n_solves: usize,
     /// Number of restarts, in all blocks.
@@ -93,6 +96,81 @@ pub fn smallest_eigenpairs(
     n_pairs: usize,
     options: &EigenOptions,
 ) -> Result<EigenPairs, SpectralError> {
+    solve(stiffness, mass, n_pairs, None, options)
+}
+
+/// The `n_pairs` smallest eigenpairs of W x = λ M x, from vectors that are near some of them.
+///
+/// `known` is n × any number: the pairs of an earlier run of which more are wanted, or those of
+/// nearly the same matrix, in any order and of any length. Nothing is taken on trust: vectors that
+/// solve this pencil are locked, the others only direct the start block, and the certificate covers
+/// the union. A wrong guess costs time, but never changes the answer beyond the tolerance.
+///
+/// # Errors
+/// Those of [`smallest_eigenpairs`]; [`SpectralError::KnownSizeDiffers`] and
+/// [`SpectralError::KnownNotFinite`] for vectors that do not fit.
+///
+/// ```
+/// use pedicle_spectral::{EigenOptions, smallest_eigenpairs, smallest_eigenpairs_from};
+/// use sprs::TriMat;
+///
+/// let n = 400;
+/// let mut path = TriMat::new((n, n));
+/// for i in 1..n {
+///     for (a, b, w) in [(i, i, 1.0), (i - 1, i - 1, 1.0), (i, i - 1, -1.0), (i - 1, i, -1.0)] {
+///         path.add_triplet(a, b, w);
+///     }
+/// }
+/// let (stiffness, mass) = (path.to_csr(), vec![1.0; n]);
+/// let options = EigenOptions::default();
+/// let ten = smallest_eigenpairs(&stiffness, &mass, 10, &options)?;
+/// let known = ten.eigenvectors.as_ref();
+/// let twenty = smallest_eigenpairs_from(&stiffness, &mass, 20, known, &options)?;
+/// assert_eq!(twenty.work.n_locked, 9); // all but the constant, which needs no looking for
+/// assert!(twenty.certificate.complete);
+/// # Ok::<(), pedicle_spectral::SpectralError>(())
+/// ```
+pub fn smallest_eigenpairs_from(
+    stiffness: &CsMat<f64>,
+    mass: &[f64],
+    n_pairs: usize,
+    known: MatRef<'_, f64>,
+    options: &EigenOptions,
+) -> Result<EigenPairs, SpectralError> {
+    check_known(known, mass.len())?;
+    // A transposed view has no contiguous columns.
+    let owned = match known.try_as_col_major() {
+        Some(_) => None,
+        None => Some(known.to_owned()),
+    };
+    let known = owned.as_ref().map_or(known, Mat::as_ref);
+    solve(stiffness, mass, n_pairs, Some(known), options)
+}
+
+fn check_known(known: MatRef<'_, f64>, n_rows: usize) -> Result<(), SpectralError> {
+    if known.nrows() != n_rows {
+        return Err(SpectralError::KnownSizeDiffers {
+            n_known: known.nrows(),
+            n_rows,
+        });
+    }
+    for column in 0..known.ncols() {
+        for (row, &value) in known.col(column).iter().enumerate() {
+            if !value.is_finite() {
+                return Err(SpectralError::KnownNotFinite { row, column, value });
+            }
+        }
+    }
+    Ok(())
+}
+
+fn solve(
+    stiffness: &CsMat<f64>,
+    mass: &[f64],
+    n_pairs: usize,
+    known: Option<MatRef<'_, f64>>,
+    options: &EigenOptions,
+) -> Result<EigenPairs, SpectralError> {
     options.check()?;
     check_pencil(stiffness, mass)?;
     if n_pairs == 0 {
@@ -105,17 +183,17 @@ pub fn smallest_eigenpairs(
         });
     }
     let total_mass: f64 = mass.iter().sum();
-    let blocks = connected_components(stiffness, mass)
-        .into_iter()
-        .map(|component| {
-            // By Weyl's law a block has as large a share of the eigenvalues as of the mass.
-            let share = component.pencil.mass.iter().sum::<f64>() / total_mass;
-            Block::new(component, (share * n_pairs as f64).ceil() as usize)
-        })
-        .collect::<Result<Vec<_>, _>>()?;
+    let components = connected_components(stiffness, mass);
+    let blocks = map(components, |_, component| {
+        // By Weyl's law a block has as large a share of the eigenvalues as of the mass.
+        let share = component.pencil.mass.iter().sum::<f64>() / total_mass;
+        Block::new(component, (share * n_pairs as f64).ceil() as usize)
+    });
+    let blocks = blocks.into_iter().collect::<Result<Vec<_>, _>>()?;
     let mut work = Work {
         n_components: blocks.len(),
         n_shifts: 0,
+        n_locked: 0,
         n_solves: 0,
         n_restarts: 0,
     };
@@ -127,17 +205,20 @@ pub fn smallest_eigenpairs(
         work.n_shifts = found.n_tried;
         (found.shift, found.n_below, found.counts)
     };
-    let mut parts = Vec::with_capacity(blocks.len());
-    for (block, n_below) in blocks.iter().zip(counts) {
-        parts.push(block.solve(&Part {
+    let tasks: Vec<_> = blocks.iter().zip(counts).collect();
+    let parts = map(tasks, |_, (block, n_below)| {
+        block.solve(&Part {
             end,
             n_below,
             // A single block has all the wanted pairs; of several nobody knows before the merge.
             n_wanted: if blocks.len() == 1 { n_pairs } else { n_below },
+            guess: known,
             options,
-        })?);
-    }
+        })
+    });
+    let parts = parts.into_iter().collect::<Result<Vec<_>, _>>()?;
     for part in &parts {
+        work.n_locked += part.n_locked;
         work.n_solves += part.n_solves;
         work.n_restarts += part.n_restarts;
     }
@@ -173,12 +254,33 @@ pub fn laplace_basis(
     options: &EigenOptions,
 ) -> Result<LaplaceBasis, SpectralError> {
     let pairs = smallest_eigenpairs(stiffness, mass, n_functions, options)?;
-    Ok(LaplaceBasis {
+    Ok(as_basis(pairs, mass))
+}
+
+/// The smallest `n_functions` eigenfunctions, from a basis of the same shape with fewer of them, or
+/// of nearly the same shape with the same vertices.
+///
+/// # Errors
+/// Those of [`smallest_eigenpairs_from`].
+pub fn laplace_basis_from(
+    stiffness: &CsMat<f64>,
+    mass: &[f64],
+    n_functions: usize,
+    known: &LaplaceBasis,
+    options: &EigenOptions,
+) -> Result<LaplaceBasis, SpectralError> {
+    let known = known.eigenfunctions.as_ref();
+    let pairs = smallest_eigenpairs_from(stiffness, mass, n_functions, known, options)?;
+    Ok(as_basis(pairs, mass))
+}
+
+fn as_basis(pairs: EigenPairs, mass: &[f64]) -> LaplaceBasis {
+    LaplaceBasis {
         eigenvalues: pairs.eigenvalues,
         eigenfunctions: pairs.eigenvectors,
         mass: mass.to_vec(),
         null_dimension: pairs.null_dimension,
-    })
+    }
 }
 
 /// The smallest pairs of all blocks as (block, pair); equal ones in the order of the blocks.

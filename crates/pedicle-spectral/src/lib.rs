@@ -44,11 +44,17 @@ mod lanczos;
 mod lanes;
 mod options;
 mod orthogonalize;
+mod panels;
+mod parallel;
 mod pencil;
 mod shift;
 mod triangular;
+mod warm;
 
 pub use basis::LaplaceBasis;
-pub use eigenpairs::{Certificate, EigenPairs, Work, laplace_basis, smallest_eigenpairs};
+pub use eigenpairs::{
+    Certificate, EigenPairs, Work, laplace_basis, laplace_basis_from, smallest_eigenpairs,
+    smallest_eigenpairs_from,
+};
 pub use error::SpectralError;
 pub use options::EigenOptions;

@@ -10,6 +10,7 @@
 
 use crate::SpectralError;
 use crate::block::Block;
+use crate::parallel::map;
 
 /// Diagonal of the cotangent matrix on equilateral triangles, 6 / √3.
 const EQUILATERAL_DIAGONAL: f64 = 3.464_101_615_137_754_6;
@@ -39,8 +40,8 @@ pub(crate) fn find_shift(blocks: &[Block], n_pairs: usize) -> Result<CountedShif
     let mut too_low: Option<(f64, usize)> = None;
     let mut high_enough: Option<CountedShift> = None;
     for n_tried in 1..=MAX_COUNTS {
-        let counts = blocks.iter().map(|block| block.count_below(shift));
-        let counts = match counts.collect::<Result<Vec<_>, _>>() {
+        let counts = map(blocks.iter().collect(), |_, block| block.count_below(shift));
+        let counts = match counts.into_iter().collect::<Result<Vec<_>, _>>() {
             Ok(counts) => counts,
             // An eigenvalue was hit.
             Err(SpectralError::Factorization { .. }) if n_tried < MAX_COUNTS => {
@@ -70,6 +71,7 @@ pub(crate) fn find_shift(blocks: &[Block], n_pairs: usize) -> Result<CountedShif
         shift = next_guess(too_low, high, aim);
     }
     high_enough.ok_or_else(|| SpectralError::Factorization {
+        first_row: 0,
         shift,
         reason: format!("no shift was found with {n_pairs} eigenvalues below it"),
     })
