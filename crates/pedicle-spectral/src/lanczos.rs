@@ -263,6 +263,9 @@ impl<'a> Lanczos<'a> {
     /// Random combinations of the guess, b of them.
     fn combine_guess(&mut self) {
         let guess = self.problem.guess;
+        if guess.nrows() == 0 {
+            return;
+        }
         let mut weights = Mat::<f64>::zeros(self.problem.options.block_size, guess.nrows());
         fill_gaussian(weights.as_mut(), &mut self.rng);
         map(chunks_mut(self.next.as_mut()), |i, some| {

@@ -70,7 +70,7 @@ pub(crate) fn orthonormalize(
         // U ← U - V VᵀU
         let coefficients = basis.products(start, block.as_ref());
         let gram = basis.subtract(start, coefficients.as_ref(), block.as_mut());
-        let (triangle, kept) = match cholesky(&gram) {
+        let (triangle, kept) = match cholesky(&gram, vanished) {
             Some((lower, kept)) => {
                 // U ← U R⁻¹, or Uᵀ ← L⁻¹ Uᵀ.
                 map(chunks_mut(block.as_mut()), |_, some| {
@@ -131,8 +131,9 @@ pub(crate) fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {
     c
 }
 
-/// L with L Lᵀ = UᵀU and its smallest diagonal entry; `None` if UᵀU is nearly singular.
-fn cholesky(gram: &Mat<f64>) -> Option<(Mat<f64>, f64)> {
+/// L with L Lᵀ = UᵀU and its smallest diagonal entry; `None` if UᵀU is nearly singular,
+/// or a column has vanished.
+fn cholesky(gram: &Mat<f64>, vanished: f64) -> Option<(Mat<f64>, f64)> {
     let b = gram.nrows();
     let mut lower = Mat::<f64>::zeros(b, b);
     let mut kept = f64::INFINITY;
@@ -145,7 +146,8 @@ fn cholesky(gram: &Mat<f64>) -> Option<(Mat<f64>, f64)> {
                 continue;
             }
             // Asked this way round so that NaN is refused as well.
-            if !(rest > SMALLEST_PIVOT * gram[(i, i)] && rest.is_finite()) {
+            let is_sound = rest > SMALLEST_PIVOT * gram[(i, i)] && rest.sqrt() > vanished;
+            if !(is_sound && rest.is_finite()) {
                 return None;
             }
             lower[(i, i)] = rest.sqrt();

@@ -109,6 +109,13 @@ fn rayleigh_ritz(
     rule: &LockRule,
 ) -> Result<WarmStart, SpectralError> {
     let (n, p) = (pencil.n(), basis.len() - n_null);
+    if p == 0 {
+        return Ok(WarmStart {
+            locked: Mat::zeros(n, 0),
+            locked_values: Vec::new(),
+            rest: Mat::zeros(0, n),
+        });
+    }
     let mut projected = Mat::<f64>::zeros(p, p);
     for first in (0..p).step_by(LANES) {
         let count = LANES.min(p - first);
