@@ -10,7 +10,7 @@ use crate::lanes::as_slice_mut;
 use crate::orthogonalize::dot;
 use crate::panels::Panels;
 use crate::pencil::Pencil;
-use crate::warm::{LockRule, WarmStart};
+use crate::warm::{LockRule, Locked};
 use crate::{EigenOptions, SpectralError};
 
 /// Blocks up to this size are always solved densely: it takes less than a millisecond.
@@ -205,13 +205,11 @@ impl Block {
         share: f64,
     ) -> Result<BlockPairs, SpectralError> {
         let n_null = self.n_null(part);
-        let nothing = Mat::<f64>::zeros(0, self.pencil.n());
         let problem = LanczosProblem {
             shift: share * part.end,
             end: part.end,
             n_below: part.n_below - n_null,
             n_wanted: part.n_wanted.saturating_sub(n_null),
-            guess: nothing.as_ref(),
             options: part.options,
         };
         let mut known = Panels::new(self.pencil.n());
@@ -228,7 +226,7 @@ impl Block {
         })
     }
 
-    /// From vectors that may be eigenvectors, or near them.
+    /// From vectors some of which may be eigenvectors.
     fn continue_from(
         &self,
         factorizer: &Factorizer,
@@ -236,49 +234,51 @@ impl Block {
         guess: MatRef<'_, f64>,
     ) -> Result<BlockPairs, SpectralError> {
         let n_null = self.n_null(part);
-        let null_vector = self.null_vector.as_deref();
+        let n_unknown = part.n_below - n_null;
         let rule = LockRule {
             end: part.end,
-            n_most: part.n_wanted.saturating_sub(n_null),
             residual: 2.0 * part.options.tolerance * part.end + self.rounding() / 16.0,
+            n_most: n_unknown,
         };
-        let start = WarmStart::new(&self.pencil, &self.rows, null_vector, guess, &rule)?;
-        let n_locked = start.locked_values.len();
-        let n_below = part.n_below - n_null - n_locked;
-        let (mut shift, mut n_wanted) = (SHIFTS_INSIDE[0] * part.end, n_below);
-        if let Some(&last) = start.locked_values.last() {
-            let count = factorizer.count_below(last * (1.0 + JUST_ABOVE))?;
-            // Nothing is missing below the last of them, or only little.
-            if (n_null + n_locked) as f64 >= NEARLY_ALL * count as f64 {
-                shift = last + SHIFTS_INSIDE[0] * (part.end - last);
-            }
-            if count == n_null + n_locked {
-                n_wanted = part.n_wanted.saturating_sub(count).min(n_below);
-            }
+        let null_vector = self.null_vector.as_deref();
+        let locked = Locked::new(&self.pencil, &self.rows, null_vector, guess, &rule);
+        let n_locked = locked.values.len();
+        let n_below = n_unknown - n_locked;
+        let mut problem = LanczosProblem {
+            shift: SHIFTS_INSIDE[0] * part.end,
+            end: part.end,
+            n_below,
+            n_wanted: n_below,
+            options: part.options,
+        };
+        if n_locked == 0 {
+            return self.iterate(factorizer, part, SHIFTS_INSIDE[0]);
         }
-        let mut result = (n_null + n_locked, 0, 0);
-        let mut found = Mat::zeros(self.pencil.n(), 0);
-        if n_wanted > 0 || n_below > 0 {
-            let problem = LanczosProblem {
-                shift,
-                end: part.end,
-                n_below,
-                n_wanted,
-                guess: start.rest.as_ref(),
-                options: part.options,
-            };
-            let factor = factorizer.factorize(shift)?;
-            let more = smallest_eigenvectors(&factor, start.known(null_vector), &problem)?;
-            result = (result.0 + more.n_below, more.n_solves, more.n_restarts);
-            found = more.vectors;
+        let last = locked.values.iter().copied().fold(0.0, f64::max);
+        let count = factorizer.count_below(last * (1.0 + JUST_ABOVE))?;
+        // Nothing is missing below the last of them, or only little.
+        if (n_null + n_locked) as f64 >= NEARLY_ALL * count as f64 {
+            problem.shift = last + SHIFTS_INSIDE[0] * (part.end - last);
         }
-        let (n_found, n_solves, n_restarts) = result;
-        let columns = with_room(n_null, &[start.locked.as_ref(), found.as_ref()]);
+        if count == n_null + n_locked {
+            problem.n_wanted = part.n_wanted.saturating_sub(count).min(n_below);
+        }
+        if n_below == 0 {
+            let columns = with_room(n_null, &[locked.vectors.as_ref()]);
+            return Ok(BlockPairs {
+                n_found: part.n_below,
+                n_locked,
+                ..self.finish(columns, n_null)
+            });
+        }
+        let factor = factorizer.factorize(problem.shift)?;
+        let found = smallest_eigenvectors(&factor, locked.known, &problem)?;
+        let columns = with_room(n_null, &[locked.vectors.as_ref(), found.vectors.as_ref()]);
         Ok(BlockPairs {
-            n_found,
+            n_found: n_null + n_locked + found.n_below,
             n_locked,
-            n_solves,
-            n_restarts,
+            n_solves: found.n_solves,
+            n_restarts: found.n_restarts,
             ..self.finish(columns, n_null)
         })
     }

@@ -15,7 +15,7 @@ use crate::block::{Block, BlockPairs, Part};
 use crate::components::{check_pencil, connected_components};
 use crate::lanes::{as_slice, as_slice_mut};
 use crate::parallel::map;
-use crate::shift::find_shift;
+use crate::shift::{aimed_count, find_shift};
 use crate::{EigenOptions, LaplaceBasis, SpectralError};
 
 /// Entries within this share of the largest one count as equally large when the sign is fixed.
@@ -99,12 +99,15 @@ pub fn smallest_eigenpairs(
     solve(stiffness, mass, n_pairs, None, options)
 }
 
-/// The `n_pairs` smallest eigenpairs of W x = λ M x, from vectors that are near some of them.
+/// The `n_pairs` smallest eigenpairs of W x = λ M x, from vectors some of which are known.
 ///
-/// `known` is n × any number: the pairs of an earlier run of which more are wanted, or those of
-/// nearly the same matrix, in any order and of any length. Nothing is taken on trust: vectors that
-/// solve this pencil are locked, the others only direct the start block, and the certificate covers
-/// the union. A wrong guess costs time, but never changes the answer beyond the tolerance.
+/// `known` is n × any number: the vectors of an earlier run of which more are wanted, in any order
+/// and of any length. Nothing is taken on trust: vectors that solve this pencil to the tolerance are
+/// kept, all others are found anew, and the certificate covers the union. A wrong guess costs a few
+/// products with W, but never changes the answer beyond the tolerance.
+///
+/// Vectors of nearly the same matrix (a shape bent a little) are such others. All that they save is
+/// the search for the shift, which starts at the Rayleigh quotient of the last of them.
 ///
 /// # Errors
 /// Those of [`smallest_eigenpairs`]; [`SpectralError::KnownSizeDiffers`] and
@@ -201,7 +204,8 @@ fn solve(
         let counts = blocks.iter().map(|b| b.pencil().n()).collect();
         (f64::INFINITY, mass.len(), counts)
     } else {
-        let found = find_shift(&blocks, n_pairs)?;
+        let guess = known.and_then(|known| guessed_shift(stiffness, mass, n_pairs, known));
+        let found = find_shift(&blocks, n_pairs, guess)?;
         work.n_shifts = found.n_tried;
         (found.shift, found.n_below, found.counts)
     };
@@ -257,8 +261,7 @@ pub fn laplace_basis(
     Ok(as_basis(pairs, mass))
 }
 
-/// The smallest `n_functions` eigenfunctions, from a basis of the same shape with fewer of them, or
-/// of nearly the same shape with the same vertices.
+/// The smallest `n_functions` eigenfunctions, from a basis of the same shape with fewer of them.
 ///
 /// # Errors
 /// Those of [`smallest_eigenpairs_from`].
@@ -281,6 +284,21 @@ fn as_basis(pairs: EigenPairs, mass: &[f64]) -> LaplaceBasis {
         mass: mass.to_vec(),
         null_dimension: pairs.null_dimension,
     }
+}
+
+/// Where the wanted part of the spectrum should end, if the last vector is what it should be.
+fn guessed_shift(
+    stiffness: &CsMat<f64>,
+    mass: &[f64],
+    n_pairs: usize,
+    known: MatRef<'_, f64>,
+) -> Option<f64> {
+    let x = as_slice(known, known.ncols().checked_sub(1)?);
+    let energy: f64 = stiffness.iter().map(|(w, (i, j))| w * x[i] * x[j]).sum();
+    let norm: f64 = x.iter().zip(mass).map(|(x, m)| m * x * x).sum();
+    // By Weyl's law eigenvalues grow like their index.
+    let guess = energy / norm * aimed_count(n_pairs) / known.ncols() as f64;
+    (guess > 0.0 && guess.is_finite()).then_some(guess)
 }
 
 /// The smallest pairs of all blocks as (block, pair); equal ones in the order of the blocks.

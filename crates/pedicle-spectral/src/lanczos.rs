@@ -55,9 +55,6 @@ pub(crate) struct LanczosProblem<'a> {
     pub(crate) n_below: usize,
     /// Number of eigenpairs that must converge, the smallest; the others must only be found.
     pub(crate) n_wanted: usize,
-    /// Vectors (count × n) that are thought to be near the wanted ones; the start block is a random
-    /// combination of them. Empty: it is random altogether.
-    pub(crate) guess: MatRef<'a, f64>,
     /// Options of the caller.
     pub(crate) options: &'a EigenOptions,
 }
@@ -128,7 +125,6 @@ pub(crate) fn smallest_eigenvectors(
             // space is missing: only a new direction can find it.
             if status.n_converged == status.below.len() {
                 lanczos.restart(&ritz, &status.below);
-                lanczos.next.as_mut().fill(0.0);
                 lanczos.renew_next_block();
             } else {
                 lanczos.restart(&ritz, &kept_on_restart(&ritz, &status.below, b));
@@ -255,33 +251,16 @@ impl<'a> Lanczos<'a> {
             recent: 0,
             n_solves: 0,
         };
-        lanczos.combine_guess();
         lanczos.renew_next_block();
         lanczos
     }
 
-    /// Random combinations of the guess, b of them.
-    fn combine_guess(&mut self) {
-        let guess = self.problem.guess;
-        if guess.nrows() == 0 {
-            return;
-        }
-        let mut weights = Mat::<f64>::zeros(self.problem.options.block_size, guess.nrows());
-        fill_gaussian(weights.as_mut(), &mut self.rng);
-        map(chunks_mut(self.next.as_mut()), |i, some| {
-            let guess = guess.subcols(i * CHUNK_ROWS, some.ncols());
-            matmul(some, Accum::Replace, &weights, guess, 1.0, Par::Seq);
-        });
-    }
-
-    /// Replaces the next block by columns orthogonal to the basis, random ones if it is 0.
+    /// Replaces the next block by random columns orthogonal to the basis.
     ///
     /// They are multiplied by A first: rough columns would leave their rounding errors behind in
     /// the eigenvectors, where the stiffest rows of W make large residuals of them.
     fn renew_next_block(&mut self) {
-        if self.next.norm_max() == 0.0 {
-            fill_gaussian(self.next.as_mut(), &mut self.rng);
-        }
+        fill_gaussian(self.next.as_mut(), &mut self.rng);
         self.factor.solve_in_place(self.next.as_mut());
         self.n_solves += self.next.nrows();
         orthonormalize(&self.basis, 0, self.next.as_mut(), &mut self.rng);

@@ -51,9 +51,14 @@ impl Panels {
         self.n_rows
     }
 
-    /// One entry of V.
-    pub(crate) fn entry(&self, row: usize, column: usize) -> f64 {
-        self.panels[column / WIDTH][(column % WIDTH, row)]
+    /// The columns from `start` on, n × count.
+    pub(crate) fn columns(&self, start: usize) -> Mat<f64> {
+        let mut columns = Mat::<f64>::zeros(self.n_rows, self.n_columns - start);
+        for part in self.parts(start) {
+            let target = columns.as_mut().subcols_mut(part.first, part.rows.nrows());
+            target.transpose_mut().copy_from(part.rows);
+        }
+        columns
     }
 
     /// Forgets all columns but the first ones.

@@ -8,10 +8,9 @@
 //! Differences first: smooth vectors lose no digits, and a constant has exactly no energy where
 //! the rows sum to 0. Row sums of the size of rounding are taken as 0.
 
-use faer::{Mat, MatMut, MatRef};
+use faer::{MatMut, MatRef};
 
 use crate::lanes::{LANES, as_slice, as_slice_mut};
-use crate::panels::Panels;
 use crate::parallel::map;
 
 /// One entry of eight vectors.
@@ -99,19 +98,6 @@ impl Pencil {
             (0..count).map(move |lane| (quotients[lane], residuals[lane]))
         });
         results.into_iter().flatten().collect()
-    }
-
-    /// K times some columns of a basis (count × n), K = M^(-1/2) W M^(-1/2).
-    pub(crate) fn scaled_product(&self, basis: &Panels, first: usize, count: usize) -> Mat<f64> {
-        let mut x = vec![[0.0; LANES]; self.n()];
-        let scale: Vec<f64> = self.mass.iter().map(|m| 1.0 / m.sqrt()).collect();
-        for (i, (row, s)) in x.iter_mut().zip(&scale).enumerate() {
-            for (lane, value) in row[..count].iter_mut().enumerate() {
-                *value = s * basis.entry(i, first + lane);
-            }
-        }
-        let (product, _) = self.multiply(&x);
-        Mat::from_fn(count, self.n(), |lane, i| scale[i] * product[i][lane])
     }
 
     /// x = M^(-1/2) y for all columns.

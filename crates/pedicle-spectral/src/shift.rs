@@ -16,6 +16,8 @@ use crate::parallel::map;
 const EQUILATERAL_DIAGONAL: f64 = 3.464_101_615_137_754_6;
 /// Counts between the number asked for and this many times it (and a few more) are accepted at once.
 const ACCEPTED_EXCESS: f64 = 0.35;
+/// A guess from elsewhere is not followed further from Weyl's law than by this factor.
+const FAR_OFF: f64 = 10.0;
 /// Number of counts after which any number that is large enough is accepted.
 const MAX_PATIENT_COUNTS: usize = 6;
 /// Number of counts after which the search gives up.
@@ -32,11 +34,18 @@ pub(crate) struct CountedShift {
 }
 
 /// Finds a shift with at least `n_pairs` eigenvalues below it, and few more.
-pub(crate) fn find_shift(blocks: &[Block], n_pairs: usize) -> Result<CountedShift, SpectralError> {
+///
+/// A first guess from elsewhere is followed if it is not far from Weyl's law.
+pub(crate) fn find_shift(
+    blocks: &[Block],
+    n_pairs: usize,
+    guess: Option<f64>,
+) -> Result<CountedShift, SpectralError> {
     let k = n_pairs as f64;
     let accepted = n_pairs + 8 + (ACCEPTED_EXCESS * k) as usize;
-    let aim = k + 2.0 + 0.4 * ACCEPTED_EXCESS * k;
-    let mut shift = weyl_guess(blocks, aim);
+    let aim = aimed_count(n_pairs);
+    let law = weyl_guess(blocks, aim);
+    let mut shift = guess.unwrap_or(law).clamp(law / FAR_OFF, law * FAR_OFF);
     let mut too_low: Option<(f64, usize)> = None;
     let mut high_enough: Option<CountedShift> = None;
     for n_tried in 1..=MAX_COUNTS {
@@ -75,6 +84,12 @@ pub(crate) fn find_shift(blocks: &[Block], n_pairs: usize) -> Result<CountedShif
         shift,
         reason: format!("no shift was found with {n_pairs} eigenvalues below it"),
     })
+}
+
+/// Number of eigenvalues that should be below the shift.
+pub(crate) fn aimed_count(n_pairs: usize) -> f64 {
+    let k = n_pairs as f64;
+    k + 2.0 + 0.4 * ACCEPTED_EXCESS * k
 }
 
 fn weyl_guess(blocks: &[Block], n: f64) -> f64 {

@@ -67,7 +67,7 @@ fn the_next_pairs_from_the_last() {
 }
 
 #[test]
-fn all_pairs_known_need_no_solve() {
+fn more_known_than_wanted() {
     let (stiffness, mass) = operators(&potato(4));
     let expected = cold(&stiffness, &mass, 40);
     let found = warm(&stiffness, &mass, 30, expected.eigenvectors.as_ref());
