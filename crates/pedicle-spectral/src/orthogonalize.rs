@@ -68,8 +68,7 @@ pub(crate) fn orthonormalize(
     let mut start = first_pass_start;
     for pass in 0..MAX_PASSES {
         // U ← U - V VᵀU
-        let coefficients = basis.products(start, block.as_ref());
-        let gram = basis.subtract(start, coefficients.as_ref(), block.as_mut());
+        let (coefficients, gram) = basis.project_off(start, block.as_mut());
         let (triangle, kept) = match cholesky(&gram, vanished) {
             Some((lower, kept)) => {
                 // U ← U R⁻¹, or Uᵀ ← L⁻¹ Uᵀ.

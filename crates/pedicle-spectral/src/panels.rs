@@ -1,7 +1,7 @@
 //! A growing set of long columns V, stored 32 at a time by rows.
 //!
 //! ```text
-//! VᵀU,   U ← U - V C,   V S
+//! U ← U - V VᵀU,   V S
 //! ```
 //!
 //! V is n × m. A panel is the transpose of 32 columns, so that the entries of one row are side by
@@ -15,6 +15,8 @@ use crate::parallel::{CHUNK_ROWS, chunks, chunks_mut, map};
 
 /// Columns of a panel.
 const WIDTH: usize = 32;
+/// Numbers of V that are worked on at a time: 4 MB.
+const NUMBERS_IN_CACHE: usize = 1 << 19;
 
 /// Columns in panels.
 pub(crate) struct Panels {
@@ -106,50 +108,61 @@ impl Panels {
         parts
     }
 
-    /// VᵀU with the columns of V from `start` on, for a block U (b × n).
-    pub(crate) fn products(&self, start: usize, block: MatRef<'_, f64>) -> Mat<f64> {
-        let (m, b) = (self.n_columns - start, block.nrows());
+    /// U ← U - V VᵀU with the columns of V from `start` on, for a block U (b × n).
+    ///
+    /// Returns VᵀU and, of the result, UᵀU. A few panels at a time, so that they are still in the
+    /// cache when they are read for the second time.
+    pub(crate) fn project_off(
+        &self,
+        start: usize,
+        mut block: MatMut<'_, f64>,
+    ) -> (Mat<f64>, Mat<f64>) {
+        let b = block.nrows();
+        let mut coefficients = Mat::<f64>::zeros(self.n_columns - start, b);
         let parts = self.parts(start);
+        let panel_numbers = WIDTH * self.n_rows.max(1);
+        let at_once = match NUMBERS_IN_CACHE / panel_numbers {
+            // Not even one fits.
+            0 if panel_numbers > 2 * NUMBERS_IN_CACHE => usize::MAX,
+            count => count.max(1),
+        };
+        for group in parts.chunks(at_once.min(parts.len().max(1))) {
+            self.multiply(group, block.as_ref(), coefficients.as_mut());
+            subtract(group, coefficients.as_ref(), block.as_mut());
+        }
+        let gram = self.gram(block.as_ref());
+        (coefficients, gram)
+    }
+
+    /// VᵀU for some of the panels.
+    fn multiply(&self, group: &[Part<'_>], block: MatRef<'_, f64>, mut result: MatMut<'_, f64>) {
+        let b = block.nrows();
+        let first_column = group.first().map_or(0, |part| part.first);
+        let m = group.iter().map(|part| part.rows.nrows()).sum();
         let partial = map(chunks(self.n_rows), |_, (first, count)| {
             let mut sums = Mat::<f64>::zeros(m, b);
             let some = block.subcols(first, count).transpose();
-            for part in &parts {
-                let target = sums.as_mut().subrows_mut(part.first, part.rows.nrows());
+            for part in group {
+                let row = part.first - first_column;
+                let target = sums.as_mut().subrows_mut(row, part.rows.nrows());
                 let rows = part.rows.subcols(first, count);
                 matmul(target, Accum::Replace, rows, some, 1.0, Par::Seq);
             }
             sums
         });
-        sum(partial, m, b)
+        let mut target = result.as_mut().subrows_mut(first_column, m);
+        target.copy_from(sum(partial, m, b));
     }
 
-    /// U ← U - V C with the columns of V from `start` on; returns UᵀU of the result.
-    pub(crate) fn subtract(
-        &self,
-        start: usize,
-        coefficients: MatRef<'_, f64>,
-        block: MatMut<'_, f64>,
-    ) -> Mat<f64> {
+    /// UᵀU.
+    fn gram(&self, block: MatRef<'_, f64>) -> Mat<f64> {
         let b = block.nrows();
-        let parts = self.parts(start);
-        let partial = map(chunks_mut(block), |i, mut some| {
-            let (first, count) = (i * CHUNK_ROWS, some.ncols());
-            for part in &parts {
-                let c = coefficients.subrows(part.first, part.rows.nrows());
-                let rows = part.rows.subcols(first, count);
-                matmul(
-                    some.as_mut(),
-                    Accum::Add,
-                    c.transpose(),
-                    rows,
-                    -1.0,
-                    Par::Seq,
-                );
-            }
+        let partial = map(chunks(self.n_rows), |_, (first, count)| {
+            let some = block.subcols(first, count);
             let mut gram = Mat::<f64>::zeros(b, b);
-            let some = some.as_ref();
+            let target = gram.as_mut();
             matmul(
-                &mut gram,
+                target,
                 Accum::Replace,
                 some,
                 some.transpose(),
@@ -185,6 +198,19 @@ impl Panels {
             }
         });
     }
+}
+
+/// U ← U - V C for some of the panels.
+fn subtract(group: &[Part<'_>], coefficients: MatRef<'_, f64>, block: MatMut<'_, f64>) {
+    map(chunks_mut(block), |i, mut some| {
+        let (first, count) = (i * CHUNK_ROWS, some.ncols());
+        for part in group {
+            let c = coefficients.subrows(part.first, part.rows.nrows());
+            let rows = part.rows.subcols(first, count);
+            let target = some.as_mut();
+            matmul(target, Accum::Add, c.transpose(), rows, -1.0, Par::Seq);
+        }
+    });
 }
 
 /// The partial results in their order.
