@@ -26,8 +26,14 @@ const SIGN_TIE: f64 = 1e-6;
 pub struct EigenPairs {
     /// Eigenvalues in ascending order (for a Laplacian in mm: 1/mm²).
     pub eigenvalues: Vec<f64>,
-    /// Eigenvectors, one a column, n × k, M-orthonormal. The first entry of (nearly) the largest
-    /// magnitude is positive.
+    /// Eigenvectors, one a column, n × k, M-orthonormal.
+    ///
+    /// Signs: among the entries within 1e-6 of the largest magnitude, the first is positive. So a
+    /// simple eigenvector does not depend on seed, block size, unit or threads, and not on the order
+    /// of the rows either unless entries so near to the largest differ in sign. Vectors of a
+    /// repeated eigenvalue are some orthonormal basis of their space, each with its sign fixed in
+    /// the same way; only the space is determined, and with eigenvalues that differ by a share δ
+    /// the vectors only to about `tolerance` / δ.
     pub eigenvectors: Mat<f64>,
     /// ‖W x - λ M x‖ in the M⁻¹ norm, one a pair, in the unit of the eigenvalues.
     pub residuals: Vec<f64>,
