@@ -6,9 +6,11 @@ use crate::components::Component;
 use crate::dense::all_eigenpairs;
 use crate::factor::{Factorizer, elimination_order};
 use crate::lanczos::{LanczosProblem, smallest_eigenvectors};
-use crate::lanes::{as_slice, as_slice_mut};
+use crate::lanes::as_slice_mut;
 use crate::orthogonalize::dot;
+use crate::panels::Panels;
 use crate::pencil::Pencil;
+use crate::warm::{LockRule, Locked};
 use crate::{EigenOptions, SpectralError};
 
 /// Blocks up to this size are always solved densely: it takes less than a millisecond.
@@ -16,9 +18,16 @@ const DENSE_ROWS: usize = 120;
 /// Where the shift of the iteration lies in the wanted part of the spectrum. Measured on a uniform
 /// spectrum: 0.5 to 0.7 need the fewest columns. The later ones are for when an eigenvalue is hit.
 const SHIFTS_INSIDE: [f64; 3] = [0.55, 0.53, 0.58];
+/// How far above the last locked eigenvalue they are counted, relative to it.
+const JUST_ABOVE: f64 = 1e-6;
+/// Share of the eigenvalues below the last locked one that must be locked for the shift to lie
+/// above it.
+const NEARLY_ALL: f64 = 0.9;
 
 /// One connected block, prepared for counting and solving.
 pub(crate) struct Block {
+    /// First row of the whole matrix, by which errors name the block.
+    first_row: usize,
     rows: Vec<usize>,
     pencil: Pencil,
     /// M^(1/2) 1, of unit length, where it is in the null space.
@@ -42,6 +51,8 @@ pub(crate) struct Part<'a> {
     pub(crate) n_below: usize,
     /// Number of them that are wanted, the smallest.
     pub(crate) n_wanted: usize,
+    /// Vectors from elsewhere, all rows of the matrix × count.
+    pub(crate) guess: Option<MatRef<'a, f64>>,
     /// Options of the caller.
     pub(crate) options: &'a EigenOptions,
 }
@@ -58,6 +69,7 @@ pub(crate) struct BlockPairs {
     pub(crate) order: Vec<usize>,
     /// Number of eigenvalues below the end of the part that were seen.
     pub(crate) n_found: usize,
+    pub(crate) n_locked: usize,
     pub(crate) n_solves: usize,
     pub(crate) n_restarts: usize,
 }
@@ -65,13 +77,20 @@ pub(crate) struct BlockPairs {
 impl Block {
     /// Analyses one block, of which about `n_pairs` eigenpairs will be wanted.
     pub(crate) fn new(component: Component, n_pairs: usize) -> Result<Self, SpectralError> {
-        let n = component.pencil.n();
-        if n <= DENSE_ROWS || n_pairs >= n / 3 {
-            return Self::dense(component.rows, component.pencil);
-        }
+        let first_row = component.rows[0];
+        let block = if component.pencil.n() <= DENSE_ROWS || n_pairs >= component.pencil.n() / 3 {
+            Self::dense(component.rows, component.pencil)
+        } else {
+            Self::sparse(component)
+        };
+        block.map_err(|error| error.in_block(first_row))
+    }
+
+    fn sparse(component: Component) -> Result<Self, SpectralError> {
         let order = elimination_order(&component.pencil)?;
         let pencil = component.pencil.reordered(&order);
         Ok(Self {
+            first_row: component.rows[0],
             rows: order.iter().map(|&i| component.rows[i]).collect(),
             solver: Solver::Sparse(Box::new(Factorizer::new(&pencil)?)),
             null_vector: null_vector(&pencil),
@@ -82,6 +101,7 @@ impl Block {
     fn dense(rows: Vec<usize>, pencil: Pencil) -> Result<Self, SpectralError> {
         let (eigenvalues, vectors) = all_eigenpairs(&pencil)?;
         Ok(Self {
+            first_row: rows[0],
             rows,
             solver: Solver::Dense {
                 eigenvalues,
@@ -108,25 +128,35 @@ impl Block {
             Solver::Dense { eigenvalues, .. } => {
                 Ok(eigenvalues.iter().filter(|&&l| l < shift).count())
             }
-            Solver::Sparse(factorizer) => factorizer.count_below(shift),
+            Solver::Sparse(factorizer) => factorizer
+                .count_below(shift)
+                .map_err(|error| error.in_block(self.first_row)),
         }
     }
 
     /// The wanted eigenpairs.
     pub(crate) fn solve(&self, part: &Part<'_>) -> Result<BlockPairs, SpectralError> {
-        let n_known = usize::from(self.null_vector.is_some()).min(part.n_below);
-        let factorizer = match &self.solver {
+        let solved = match &self.solver {
             Solver::Dense {
                 eigenvalues,
                 vectors,
-            } => return Ok(self.dense_part(eigenvalues, vectors, part)),
-            Solver::Sparse(factorizer) => factorizer,
+            } => Ok(self.dense_part(eigenvalues, vectors, part)),
+            Solver::Sparse(factorizer) => self.solve_sparse(factorizer, part),
         };
-        if part.n_below == n_known {
-            let none = Mat::zeros(self.pencil.n(), 0);
+        solved.map_err(|error| error.in_block(self.first_row))
+    }
+
+    fn solve_sparse(
+        &self,
+        factorizer: &Factorizer,
+        part: &Part<'_>,
+    ) -> Result<BlockPairs, SpectralError> {
+        let n_null = self.n_null(part);
+        if part.n_below == n_null {
+            let none = Mat::zeros(self.pencil.n(), n_null);
             return Ok(BlockPairs {
-                n_found: n_known,
-                ..self.finish(none.as_ref(), n_known)
+                n_found: n_null,
+                ..self.finish(none, n_null)
             });
         }
         // So many eigenvalues can be below the shift when they are nearly all the same.
@@ -135,15 +165,26 @@ impl Block {
             return Ok(self.dense_part(&eigenvalues, &vectors, part));
         }
         let accepted = 100.0 * part.options.tolerance * part.end + self.rounding();
+        let is_good = |pairs: &BlockPairs| pairs.residuals.iter().all(|&r| r <= accepted);
+        if let Some(guess) = part.guess {
+            // Whatever goes wrong with a guess, there is still the way without it.
+            if let Some(pairs) = self
+                .continue_from(factorizer, part, guess)
+                .ok()
+                .filter(is_good)
+            {
+                return Ok(pairs);
+            }
+        }
         let mut result = self.iterate(factorizer, part, SHIFTS_INSIDE[0]);
         for &share in &SHIFTS_INSIDE[1..] {
             // An eigenvalue right at the shift spoils the factorisation or the digits of the others.
-            let is_good = match &result {
-                Ok(pairs) => pairs.residuals.iter().all(|&r| r <= accepted),
+            let stop = match &result {
+                Ok(pairs) => is_good(pairs),
                 Err(SpectralError::Factorization { .. }) => false,
                 Err(_) => true,
             };
-            if is_good {
+            if stop {
                 break;
             }
             result = self.iterate(factorizer, part, share);
@@ -151,28 +192,94 @@ impl Block {
         result
     }
 
+    /// Number of null vectors that are written down.
+    fn n_null(&self, part: &Part<'_>) -> usize {
+        usize::from(self.null_vector.is_some()).min(part.n_below)
+    }
+
+    /// From a random block.
     fn iterate(
         &self,
         factorizer: &Factorizer,
         part: &Part<'_>,
         share: f64,
     ) -> Result<BlockPairs, SpectralError> {
-        let n_known = usize::from(self.null_vector.is_some()).min(part.n_below);
+        let n_null = self.n_null(part);
         let problem = LanczosProblem {
             shift: share * part.end,
             end: part.end,
-            n_below: part.n_below - n_known,
-            n_wanted: part.n_wanted.saturating_sub(n_known),
-            known: self.null_vector.as_deref(),
+            n_below: part.n_below - n_null,
+            n_wanted: part.n_wanted.saturating_sub(n_null),
             options: part.options,
         };
-        let mut factor = factorizer.factorize(problem.shift)?;
-        let found = smallest_eigenvectors(&mut factor, self.pencil.n(), &problem)?;
+        let mut known = Panels::new(self.pencil.n());
+        if let Some(null_vector) = &self.null_vector {
+            known.append_column(null_vector);
+        }
+        let factor = factorizer.factorize(problem.shift)?;
+        let found = smallest_eigenvectors(&factor, known, &problem)?;
         Ok(BlockPairs {
-            n_found: n_known + found.n_below,
+            n_found: n_null + found.n_below,
             n_solves: found.n_solves,
             n_restarts: found.n_restarts,
-            ..self.finish(found.vectors.as_ref(), n_known)
+            ..self.finish(with_room(n_null, &[found.vectors.as_ref()]), n_null)
+        })
+    }
+
+    /// From vectors some of which may be eigenvectors.
+    fn continue_from(
+        &self,
+        factorizer: &Factorizer,
+        part: &Part<'_>,
+        guess: MatRef<'_, f64>,
+    ) -> Result<BlockPairs, SpectralError> {
+        let n_null = self.n_null(part);
+        let n_unknown = part.n_below - n_null;
+        let rule = LockRule {
+            end: part.end,
+            residual: 2.0 * part.options.tolerance * part.end + self.rounding() / 16.0,
+            n_most: n_unknown,
+        };
+        let null_vector = self.null_vector.as_deref();
+        let locked = Locked::new(&self.pencil, &self.rows, null_vector, guess, &rule);
+        let n_locked = locked.values.len();
+        let n_below = n_unknown - n_locked;
+        let mut problem = LanczosProblem {
+            shift: SHIFTS_INSIDE[0] * part.end,
+            end: part.end,
+            n_below,
+            n_wanted: n_below,
+            options: part.options,
+        };
+        if n_locked == 0 {
+            return self.iterate(factorizer, part, SHIFTS_INSIDE[0]);
+        }
+        let last = locked.values.iter().copied().fold(0.0, f64::max);
+        let count = factorizer.count_below(last * (1.0 + JUST_ABOVE))?;
+        // Nothing is missing below the last of them, or only little.
+        if (n_null + n_locked) as f64 >= NEARLY_ALL * count as f64 {
+            problem.shift = last + SHIFTS_INSIDE[0] * (part.end - last);
+        }
+        if count == n_null + n_locked {
+            problem.n_wanted = part.n_wanted.saturating_sub(count).min(n_below);
+        }
+        if n_below == 0 {
+            let columns = with_room(n_null, &[locked.vectors.as_ref()]);
+            return Ok(BlockPairs {
+                n_found: part.n_below,
+                n_locked,
+                ..self.finish(columns, n_null)
+            });
+        }
+        let factor = factorizer.factorize(problem.shift)?;
+        let found = smallest_eigenvectors(&factor, locked.known, &problem)?;
+        let columns = with_room(n_null, &[locked.vectors.as_ref(), found.vectors.as_ref()]);
+        Ok(BlockPairs {
+            n_found: n_null + n_locked + found.n_below,
+            n_locked,
+            n_solves: found.n_solves,
+            n_restarts: found.n_restarts,
+            ..self.finish(columns, n_null)
         })
     }
 
@@ -184,34 +291,30 @@ impl Block {
     }
 
     fn dense_part(&self, eigenvalues: &[f64], vectors: &Mat<f64>, part: &Part<'_>) -> BlockPairs {
-        // The dense solver has found the known vector as well, as its first.
-        let n_known = usize::from(self.null_vector.is_some()).min(part.n_wanted);
-        let others = vectors.subcols(n_known, part.n_wanted - n_known);
+        // The dense solver has found the null vector as well, as its first.
+        let n_null = usize::from(self.null_vector.is_some()).min(part.n_wanted);
+        let others = vectors.subcols(n_null, part.n_wanted - n_null);
         BlockPairs {
             n_found: eigenvalues.iter().filter(|&&l| l < part.end).count(),
-            ..self.finish(others, n_known)
+            ..self.finish(with_room(n_null, &[others]), n_null)
         }
     }
 
-    /// Pairs of the columns x = M^(-1/2) y and the exact null vector, in ascending order.
-    fn finish(&self, vectors: MatRef<'_, f64>, n_known: usize) -> BlockPairs {
-        let n = self.pencil.n();
-        let scale: Vec<f64> = self.pencil.mass.iter().map(|m| 1.0 / m.sqrt()).collect();
-        let mut columns = Mat::<f64>::zeros(n, n_known + vectors.ncols());
-        if n_known > 0 {
-            // The scaled null vector is constant; written down so, it has exactly no energy.
-            let total: f64 = self.pencil.mass.iter().sum();
-            as_slice_mut(columns.as_mut(), 0).fill(1.0 / total.sqrt());
-        }
-        for found in 0..vectors.ncols() {
-            let column = as_slice_mut(columns.as_mut(), n_known + found);
-            column.copy_from_slice(as_slice(vectors, found));
+    /// Pairs of the columns x = M^(-1/2) y, of which the first are the null vectors, in ascending
+    /// order.
+    fn finish(&self, mut columns: Mat<f64>, n_null: usize) -> BlockPairs {
+        for j in n_null..columns.ncols() {
+            let column = as_slice_mut(columns.as_mut(), j);
             if let Some(null_vector) = &self.null_vector {
                 project_off(column, null_vector);
             }
-            for (x, s) in column.iter_mut().zip(&scale) {
-                *x *= s;
-            }
+            normalize(column);
+        }
+        self.pencil.unscale(columns.as_mut());
+        if n_null > 0 {
+            // The scaled null vector is constant; written down so, it has exactly no energy.
+            let total: f64 = self.pencil.mass.iter().sum();
+            as_slice_mut(columns.as_mut(), 0).fill(1.0 / total.sqrt());
         }
         let quality = self.pencil.quotients_and_residuals(columns.as_ref());
         let mut order: Vec<usize> = (0..columns.ncols()).collect();
@@ -223,10 +326,25 @@ impl Block {
             order,
             columns,
             n_found: 0,
+            n_locked: 0,
             n_solves: 0,
             n_restarts: 0,
         }
     }
+}
+
+/// The columns one after the other, behind room for the null vectors.
+fn with_room(n_null: usize, groups: &[MatRef<'_, f64>]) -> Mat<f64> {
+    let n = groups.first().map_or(0, |group| group.nrows());
+    let count: usize = groups.iter().map(|group| group.ncols()).sum();
+    let mut columns = Mat::<f64>::zeros(n, n_null + count);
+    let mut first = n_null;
+    for group in groups {
+        let mut target = columns.as_mut().subcols_mut(first, group.ncols());
+        target.copy_from(group);
+        first += group.ncols();
+    }
+    columns
 }
 
 /// M^(1/2) 1 / √(Σ m) if constants are in the null space.
@@ -238,12 +356,16 @@ fn null_vector(pencil: &Pencil) -> Option<Vec<f64>> {
     Some(pencil.mass.iter().map(|m| (m / total).sqrt()).collect())
 }
 
-/// Makes a unit vector orthogonal to another, and of unit length again.
+/// Makes a vector orthogonal to a unit vector.
 fn project_off(column: &mut [f64], unit: &[f64]) {
     let along = dot(ColRef::from_slice(column), ColRef::from_slice(unit));
     for (x, u) in column.iter_mut().zip(unit) {
         *x -= along * u;
     }
+}
+
+/// Makes a vector of length 1.
+fn normalize(column: &mut [f64]) {
     let whole = ColRef::from_slice(column);
     let factor = 1.0 / dot(whole, whole).sqrt();
     for x in column {

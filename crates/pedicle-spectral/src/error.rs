@@ -75,25 +75,35 @@ pub enum SpectralError {
         range: &'static str,
     },
     /// The sparse factorisation of W - μM failed.
-    #[error("the factorisation of the matrix shifted by {shift} failed: {reason}")]
+    #[error(
+        "the factorisation of the block of row {first_row} shifted by {shift} failed: {reason}"
+    )]
     Factorization {
+        /// First row of the connected block.
+        first_row: usize,
         /// The shift μ.
         shift: f64,
         /// What went wrong.
         reason: String,
     },
     /// The dense eigensolver failed.
-    #[error("the dense eigensolver failed on a matrix of {n_rows} rows")]
+    #[error(
+        "the dense eigensolver failed on a matrix of {n_rows} rows in the block of row {first_row}"
+    )]
     Dense {
+        /// First row of the connected block.
+        first_row: usize,
         /// Rows of the dense matrix.
         n_rows: usize,
     },
     /// The iteration ended before every pair was found.
     #[error(
-        "only {n_converged} of {requested} eigenpairs below the shift {shift} converged; \
-         the largest relative residual is {worst_residual}"
+        "only {n_converged} of {requested} eigenpairs below the shift {shift} converged in the \
+         block of row {first_row}; the largest relative residual is {worst_residual}"
     )]
     NotConverged {
+        /// First row of the connected block.
+        first_row: usize,
         /// Number of pairs that converged.
         n_converged: usize,
         /// Number of pairs that inertia says there are.
@@ -102,5 +112,39 @@ pub enum SpectralError {
         shift: f64,
         /// Largest residual among the wanted pairs, relative to the shift.
         worst_residual: f64,
+        /// Residuals of the wanted pairs that were found, the smallest eigenvalue first, relative
+        /// to the shift.
+        residuals: Vec<f64>,
     },
+    /// The guess of a warm start does not fit the matrix.
+    #[error("the known vectors have {n_known} rows, but the matrix has {n_rows}")]
+    KnownSizeDiffers {
+        /// Rows of the known vectors.
+        n_known: usize,
+        /// Rows of the matrix.
+        n_rows: usize,
+    },
+    /// A known vector has an entry that is NaN or infinite.
+    #[error("entry {row} of known vector {column} is {value}, which is not finite")]
+    KnownNotFinite {
+        /// Row of the entry.
+        row: usize,
+        /// The vector.
+        column: usize,
+        /// The value.
+        value: f64,
+    },
+}
+
+impl SpectralError {
+    /// The same error, with the connected block where it happened.
+    pub(crate) fn in_block(mut self, row: usize) -> Self {
+        match &mut self {
+            Self::Factorization { first_row, .. }
+            | Self::Dense { first_row, .. }
+            | Self::NotConverged { first_row, .. } => *first_row = row,
+            _ => {}
+        }
+        self
+    }
 }

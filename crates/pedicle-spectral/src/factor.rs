@@ -30,6 +30,7 @@ const GROWTH_OF_COUNTS: f64 = 1e4;
 
 fn failure(shift: f64, reason: impl std::fmt::Display) -> SpectralError {
     SpectralError::Factorization {
+        first_row: 0,
         shift,
         reason: reason.to_string(),
     }

@@ -20,21 +20,25 @@ use faer::diag::Diag;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::evd::{ComputeEigenvectors, self_adjoint_evd, self_adjoint_evd_scratch};
 use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, MatRef, Par};
+use faer::{Accum, Mat, MatMut, MatRef, Par};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
-use crate::lanes::as_slice_mut;
-use crate::orthogonalize::{dot, fill_gaussian, orthonormalize};
+use crate::orthogonalize::{fill_gaussian, orthonormalize, product};
+use crate::panels::Panels;
+use crate::parallel::{CHUNK_ROWS, chunks_mut, map};
 use crate::triangular::TriangularFactor;
 use crate::{EigenOptions, SpectralError};
 
-/// Columns per wanted pair before convergence is looked at for the first time.
-const FIRST_CHECK: f64 = 2.1;
+/// Columns per wanted pair, and blocks besides, before convergence is looked at for the first time.
+/// Measured on vertebrae and tori with 20 to 200 pairs: nearly all are done two blocks later.
+const FIRST_CHECK: (usize, usize) = (2, 7);
+/// Below this many rows per column a look costs more than a few blocks: it is put off.
+const ROWS_OF_CHEAP_CHECK: usize = 8;
 
 /// The wanted eigenvectors, in no particular order.
 pub(crate) struct RitzVectors {
-    /// n × count, of unit length.
+    /// n × count, of length 1 but for the last step.
     pub(crate) vectors: Mat<f64>,
     /// Number of Ritz values below μ, wanted or not.
     pub(crate) n_below: usize,
@@ -50,12 +54,10 @@ pub(crate) struct LanczosProblem<'a> {
     pub(crate) shift: f64,
     /// The end μ > σ of the part of the spectrum in which eigenvalues were counted.
     pub(crate) end: f64,
-    /// Number of eigenvalues below μ, the known vector not counted.
+    /// Number of eigenvalues below μ, the known vectors not counted.
     pub(crate) n_below: usize,
     /// Number of eigenpairs that must converge, the smallest; the others must only be found.
     pub(crate) n_wanted: usize,
-    /// An eigenvector that is known exactly, of unit length.
-    pub(crate) known: Option<&'a [f64]>,
     /// Options of the caller.
     pub(crate) options: &'a EigenOptions,
 }
@@ -72,37 +74,41 @@ struct Ritz {
 
 struct Lanczos<'a> {
     problem: &'a LanczosProblem<'a>,
-    factor: &'a mut TriangularFactor,
+    factor: &'a TriangularFactor,
     rng: ChaCha8Rng,
-    /// Orthonormal columns: the known vector, the m - `n_known` of V, the next block Q.
-    basis: Mat<f64>,
-    /// T = VᵀAV, with unused rows and columns for the known vector.
+    /// Orthonormal columns: the known vectors and V.
+    basis: Panels,
+    /// The next block Q, b × n.
+    next: Mat<f64>,
+    /// T = VᵀAV, with room for as many columns as the basis may get.
     projected: Mat<f64>,
     /// R.
     next_coupling: Mat<f64>,
     n_known: usize,
-    /// Columns before the next block.
-    m: usize,
     /// First column that A times the next block may fail to be orthogonal to.
     recent: usize,
     n_solves: usize,
 }
 
-/// Finds the smallest eigenpairs.
+/// Finds the smallest eigenpairs orthogonal to the known ones, which are orthonormal.
 pub(crate) fn smallest_eigenvectors(
-    factor: &mut TriangularFactor,
-    n: usize,
+    factor: &TriangularFactor,
+    known: Panels,
     problem: &LanczosProblem<'_>,
 ) -> Result<RitzVectors, SpectralError> {
     let b = problem.options.block_size;
-    let capacity = basis_capacity(n, problem);
-    let mut lanczos = Lanczos::start(factor, n, capacity, problem);
+    let n_known = known.len();
+    let capacity = basis_capacity(factor.n(), n_known, problem);
+    let mut lanczos = Lanczos::start(factor, known, capacity, problem);
     let mut n_restarts = 0;
-    let mut next_check = (FIRST_CHECK * problem.n_wanted as f64) as usize + 5 * b;
+    let patience = |m: usize| usize::from(factor.n() < ROWS_OF_CHEAP_CHECK * m);
+    let mut next_check = n_known + FIRST_CHECK.0 * problem.n_wanted + FIRST_CHECK.1 * b;
+    next_check += 2 * b * patience(next_check);
     loop {
         lanczos.expand();
-        let is_full = lanczos.m + b > capacity;
-        if lanczos.m < next_check && !is_full {
+        let m = lanczos.basis.len();
+        let is_full = m + b > capacity;
+        if m < next_check && !is_full {
             continue;
         }
         let ritz = lanczos.ritz()?;
@@ -117,12 +123,7 @@ pub(crate) fn smallest_eigenvectors(
         }
         if is_full {
             if n_restarts == problem.options.max_restarts {
-                return Err(SpectralError::NotConverged {
-                    n_converged: status.n_converged,
-                    requested: problem.n_below,
-                    shift: problem.end,
-                    worst_residual: status.worst_residual,
-                });
+                return Err(status.not_converged(problem));
             }
             n_restarts += 1;
             // If all that is in reach has converged, something orthogonal to the whole Krylov
@@ -134,14 +135,13 @@ pub(crate) fn smallest_eigenvectors(
                 lanczos.restart(&ritz, &kept_on_restart(&ritz, &status.below, b));
             }
         }
-        next_check = lanczos.m + b * status.blocks_to_go(problem);
+        next_check = lanczos.basis.len() + b * (patience(m) + status.blocks_to_go(problem));
     }
 }
 
-/// Columns of the basis, the known vector included.
-fn basis_capacity(n: usize, problem: &LanczosProblem<'_>) -> usize {
+/// Columns of the basis, the known vectors included.
+fn basis_capacity(n: usize, n_known: usize, problem: &LanczosProblem<'_>) -> usize {
     let b = problem.options.block_size;
-    let n_known = usize::from(problem.known.is_some());
     let automatic = 3 * problem.n_below + 12 * b;
     let smallest = problem.n_below + 5 * b;
     let asked = problem.options.max_basis_size.unwrap_or(automatic);
@@ -155,6 +155,8 @@ struct Status {
     n_converged: usize,
     /// Relative to μ.
     worst_residual: f64,
+    /// Of the wanted pairs, relative to μ.
+    residuals: Vec<f64>,
     is_complete: bool,
 }
 
@@ -181,18 +183,29 @@ impl Status {
             is_converged(i) || (theta > 0.0 && lambda(theta + ritz.coupling[i]) > last)
         };
         let residuals = wanted.iter().map(|&i| ritz.residual(i) / problem.end);
+        let residuals: Vec<f64> = residuals.collect();
         Self {
             n_converged: below.iter().filter(|&&i| is_converged(i)).count(),
-            worst_residual: residuals.fold(0.0, f64::max),
+            worst_residual: residuals.iter().copied().fold(0.0, f64::max),
             is_complete: below.len() == problem.n_below
                 && wanted.iter().all(|&i| is_converged(i))
                 && below[wanted.len()..].iter().all(|&i| stays_above(i)),
+            residuals,
             below,
         }
     }
-}
 
-impl Status {
+    fn not_converged(self, problem: &LanczosProblem<'_>) -> SpectralError {
+        SpectralError::NotConverged {
+            n_converged: self.n_converged,
+            requested: problem.n_below,
+            shift: problem.end,
+            worst_residual: self.worst_residual,
+            residuals: self.residuals,
+            first_row: 0,
+        }
+    }
+
     /// How many blocks to add before looking again; looking costs as much as a few blocks.
     fn blocks_to_go(&self, problem: &LanczosProblem<'_>) -> usize {
         if self.below.len() < problem.n_below {
@@ -224,28 +237,22 @@ impl Ritz {
 
 impl<'a> Lanczos<'a> {
     fn start(
-        factor: &'a mut TriangularFactor,
-        n: usize,
+        factor: &'a TriangularFactor,
+        known: Panels,
         capacity: usize,
         problem: &'a LanczosProblem<'a>,
     ) -> Self {
         let b = problem.options.block_size;
-        let n_known = usize::from(problem.known.is_some());
-        let mut basis = Mat::<f64>::zeros(n, capacity + b);
-        if let Some(known) = problem.known {
-            for (i, &x) in known.iter().enumerate() {
-                basis[(i, 0)] = x;
-            }
-        }
+        let room = capacity - known.len();
         let mut lanczos = Self {
             problem,
             factor,
             rng: ChaCha8Rng::seed_from_u64(problem.options.seed),
-            basis,
-            projected: Mat::zeros(capacity, capacity),
+            next: Mat::zeros(b, factor.n()),
+            projected: Mat::zeros(room, room),
             next_coupling: Mat::zeros(b, b),
-            n_known,
-            m: n_known,
+            n_known: known.len(),
+            basis: known,
             recent: 0,
             n_solves: 0,
         };
@@ -258,54 +265,43 @@ impl<'a> Lanczos<'a> {
     /// They are multiplied by A first: rough columns would leave their rounding errors behind in
     /// the eigenvectors, where the stiffest rows of W make large residuals of them.
     fn renew_next_block(&mut self) {
-        let b = self.problem.options.block_size;
-        let (done, rest) = self.basis.as_mut().split_at_col_mut(self.m);
-        let mut block = rest.subcols_mut(0, b);
-        fill_gaussian(block.as_mut(), &mut self.rng);
-        self.factor.solve_in_place(block.as_mut());
-        self.n_solves += b;
-        orthonormalize(done.as_ref(), 0, block, &mut self.rng);
+        fill_gaussian(self.next.as_mut(), &mut self.rng);
+        self.factor.solve_in_place(self.next.as_mut());
+        self.n_solves += self.next.nrows();
+        orthonormalize(&self.basis, 0, self.next.as_mut(), &mut self.rng);
     }
 
     /// Takes the next block into the basis and makes the one after it.
     fn expand(&mut self) {
-        let (b, m) = (self.problem.options.block_size, self.m);
-        let (done, rest) = self.basis.as_mut().split_at_col_mut(m + b);
-        let done = done.as_ref();
-        let mut block = rest.subcols_mut(0, b);
-        block.copy_from(done.subcols(m, b));
-        self.factor.solve_in_place(block.as_mut());
+        let (b, m) = (self.problem.options.block_size, self.basis.len());
+        self.basis.append(self.next.as_ref());
+        self.factor.solve_in_place(self.next.as_mut());
         self.n_solves += b;
-        let projection = orthonormalize(done, self.recent, block, &mut self.rng);
+        let projection =
+            orthonormalize(&self.basis, self.recent, self.next.as_mut(), &mut self.rng);
+        let (along, first) = (&projection.along, m - self.n_known);
         for j in 0..b {
-            for i in 0..m + b {
+            for i in self.n_known..m + b {
                 let value = match i.checked_sub(m) {
-                    Some(i) => 0.5 * (projection.along[(m + i, j)] + projection.along[(m + j, i)]),
-                    None => projection.along[(i, j)],
+                    Some(i) => 0.5 * (along[(m + i, j)] + along[(m + j, i)]),
+                    None => along[(i, j)],
                 };
-                self.projected[(i, m + j)] = value;
-                self.projected[(m + j, i)] = value;
+                self.projected[(i - self.n_known, first + j)] = value;
+                self.projected[(first + j, i - self.n_known)] = value;
             }
         }
         self.next_coupling = projection.inner;
         self.recent = m;
-        self.m += b;
     }
 
     /// Eigenpairs of T, θ ascending.
     fn ritz(&self) -> Result<Ritz, SpectralError> {
-        let (n_known, b) = (self.n_known, self.problem.options.block_size);
-        let n = self.m - n_known;
-        let projected = self.projected.as_ref().submatrix(n_known, n_known, n, n);
-        let (theta, vectors) = symmetric_eigen(projected)?;
-        let mut ends = Mat::<f64>::zeros(b, n);
-        matmul(
-            &mut ends,
-            Accum::Replace,
-            &self.next_coupling,
+        let b = self.problem.options.block_size;
+        let n = self.basis.len() - self.n_known;
+        let (theta, vectors) = symmetric_eigen(self.projected.as_ref().submatrix(0, 0, n, n))?;
+        let ends = product(
+            self.next_coupling.as_ref(),
             vectors.as_ref().subrows(n - b, b),
-            1.0,
-            Par::Seq,
         );
         let coupling = (0..n).map(|i| ends.col(i).norm_l2()).collect();
         Ok(Ritz {
@@ -316,54 +312,41 @@ impl<'a> Lanczos<'a> {
         })
     }
 
-    /// V s for some of the pairs.
-    fn ritz_vectors(&self, ritz: &Ritz, chosen: &[usize]) -> Mat<f64> {
+    /// Adds V s of some of the pairs to the result, count × n.
+    fn add_ritz_vectors(&self, ritz: &Ritz, chosen: &[usize], result: MatMut<'_, f64>) {
         let n = ritz.theta.len();
         let s = Mat::from_fn(n, chosen.len(), |i, j| ritz.vectors[(i, chosen[j])]);
-        let mut vectors = Mat::zeros(self.basis.nrows(), chosen.len());
-        let active = self.basis.as_ref().subcols(self.n_known, n);
-        matmul(&mut vectors, Accum::Replace, active, &s, 1.0, Par::Seq);
-        vectors
+        self.basis
+            .add_combinations(self.n_known, s.as_ref(), result);
     }
 
     /// Replaces V by some of its Ritz vectors; the next block stays.
     fn restart(&mut self, ritz: &Ritz, kept: &[usize]) {
-        let b = self.problem.options.block_size;
-        let vectors = self.ritz_vectors(ritz, kept);
-        let next = self.basis.as_ref().subcols(self.m, b).to_owned();
-        let m = self.n_known + kept.len();
-        let mut basis = self.basis.as_mut();
-        basis
-            .as_mut()
-            .subcols_mut(self.n_known, kept.len())
-            .copy_from(&vectors);
-        basis.subcols_mut(m, b).copy_from(&next);
-        for j in self.n_known..m {
-            for i in self.n_known..m {
-                self.projected[(i, j)] = 0.0;
-            }
-            self.projected[(j, j)] = ritz.theta[kept[j - self.n_known]];
+        let mut vectors = Mat::zeros(kept.len(), self.basis.n_rows());
+        self.add_ritz_vectors(ritz, kept, vectors.as_mut());
+        self.basis.truncate(self.n_known);
+        self.basis.append(vectors.as_ref());
+        let n = kept.len();
+        self.projected.as_mut().submatrix_mut(0, 0, n, n).fill(0.0);
+        for (j, &pair) in kept.iter().enumerate() {
+            self.projected[(j, j)] = ritz.theta[pair];
         }
-        self.m = m;
         // A times the next block couples to every kept vector.
         self.recent = 0;
     }
 
-    /// Eigenvectors x = V s + Q R s_last / θ of unit length.
+    /// Eigenvectors x = V s + Q R s_last / θ, n × count.
     fn finish(&self, ritz: &Ritz, wanted: &[usize]) -> Mat<f64> {
         let b = self.problem.options.block_size;
-        let mut vectors = self.ritz_vectors(ritz, wanted);
+        let mut vectors = Mat::zeros(self.basis.n_rows(), wanted.len());
+        self.add_ritz_vectors(ritz, wanted, vectors.as_mut().transpose_mut());
         let ends = Mat::from_fn(b, wanted.len(), |i, j| {
             ritz.ends[(i, wanted[j])] / ritz.theta[wanted[j]]
         });
-        let next = self.basis.as_ref().subcols(self.m, b);
-        matmul(&mut vectors, Accum::Add, next, &ends, 1.0, Par::Seq);
-        for j in 0..vectors.ncols() {
-            let length = dot(vectors.col(j), vectors.col(j)).sqrt();
-            for x in as_slice_mut(vectors.as_mut(), j) {
-                *x /= length;
-            }
-        }
+        map(chunks_mut(vectors.as_mut().transpose_mut()), |i, some| {
+            let next = self.next.as_ref().subcols(i * CHUNK_ROWS, some.ncols());
+            matmul(some, Accum::Add, ends.transpose(), next, 1.0, Par::Seq);
+        });
         vectors
     }
 }
@@ -377,7 +360,10 @@ pub(crate) fn symmetric_eigen(
     let mut vectors = Mat::<f64>::zeros(n, n);
     let scratch =
         self_adjoint_evd_scratch::<f64>(n, ComputeEigenvectors::Yes, Par::Seq, Default::default());
-    let mut memory = MemBuffer::try_new(scratch).map_err(|_| SpectralError::Dense { n_rows: n })?;
+    let mut memory = MemBuffer::try_new(scratch).map_err(|_| SpectralError::Dense {
+        first_row: 0,
+        n_rows: n,
+    })?;
     self_adjoint_evd(
         matrix,
         values.as_mut(),
@@ -386,7 +372,10 @@ pub(crate) fn symmetric_eigen(
         MemStack::new(&mut memory),
         Default::default(),
     )
-    .map_err(|_| SpectralError::Dense { n_rows: n })?;
+    .map_err(|_| SpectralError::Dense {
+        first_row: 0,
+        n_rows: n,
+    })?;
     let values = values.column_vector().iter().copied().collect();
     Ok((values, vectors))
 }

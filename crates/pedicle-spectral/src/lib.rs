@@ -9,9 +9,12 @@
 //! cotangent matrix and areas in mm²); nothing depends on that unit.
 //!
 //! - [`smallest_eigenpairs`] does the work: connected blocks, shift-invert block Lanczos, inertia.
-//! - [`laplace_basis`] hands the result on as a [`LaplaceBasis`], the Fourier basis of a shape.
+//! - [`smallest_eigenpairs_from`] goes on from pairs that are known, the next 100 from the last 100.
+//! - [`laplace_basis`] hands the result on as a [`LaplaceBasis`], the Fourier basis of a shape;
+//!   [`laplace_basis_from`] goes on from one.
 //!
-//! Everything runs on the calling thread and gives the same bits on every run.
+//! Large matrices and several blocks use the threads of the current rayon pool. The work is cut in
+//! the same pieces for any number of threads: every run gives the same bits.
 //!
 //! ```
 //! use pedicle_spectral::{EigenOptions, laplace_basis};
@@ -44,11 +47,17 @@ mod lanczos;
 mod lanes;
 mod options;
 mod orthogonalize;
+mod panels;
+mod parallel;
 mod pencil;
 mod shift;
 mod triangular;
+mod warm;
 
 pub use basis::LaplaceBasis;
-pub use eigenpairs::{Certificate, EigenPairs, Work, laplace_basis, smallest_eigenpairs};
+pub use eigenpairs::{
+    Certificate, EigenPairs, Work, laplace_basis, laplace_basis_from, smallest_eigenpairs,
+    smallest_eigenpairs_from,
+};
 pub use error::SpectralError;
 pub use options::EigenOptions;

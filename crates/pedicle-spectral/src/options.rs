@@ -10,7 +10,7 @@ pub struct EigenOptions {
     pub tolerance: f64,
     /// Number of vectors multiplied at once. Default: 8.
     pub block_size: usize,
-    /// Largest number of columns of the Krylov basis before a restart; `None` takes what the
+    /// Largest number of columns of the Krylov basis before a restart, known pairs not counted; `None` takes what the
     /// number of pairs needs. Default: `None`.
     pub max_basis_size: Option<usize>,
     /// Number of restarts after which the iteration gives up. Default: 100.

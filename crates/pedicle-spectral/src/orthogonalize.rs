@@ -4,7 +4,7 @@
 //! U ← U - V VᵀU,   UᵀU = RᵀR,   U ← U R⁻¹,   all of it twice
 //! ```
 //!
-//! Everything is a matrix product. The second pass starts from nearly orthonormal columns, so that
+//! Everything is a matrix product, on fixed chunks of rows. The second pass starts from nearly orthonormal columns, so that
 //! what is left is orthogonal to rounding (Giraud, Langou & Rozložník 2005; Yamamoto et al. 2015).
 //! Where UᵀU is too near to singular for its Cholesky factor, that pass goes column by column, and
 //! a direction that vanishes is replaced by a random one with a zero coefficient: a block never
@@ -16,16 +16,16 @@ use faer::{Accum, ColRef, Mat, MatMut, MatRef, Par};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
+use crate::lanes::as_slice;
+use crate::panels::Panels;
+use crate::parallel::{chunks, chunks_mut, map};
+
 /// A column that loses more than this share of its length is projected again.
 const LOSS_THAT_ASKS_FOR_ANOTHER_PASS: f64 = 0.5;
 /// A column whose length falls below this share of the largest has vanished.
 const VANISHED: f64 = 1e-14;
 /// Smallest pivot of UᵀU, relative to its diagonal, at which the Cholesky factor is used.
 const SMALLEST_PIVOT: f64 = 1e-10;
-/// How much of a basis is worked on at a time: 2 MB.
-const NUMBERS_IN_CACHE: usize = 1 << 18;
-/// Fewest columns that make a good matrix product.
-const LEAST_COLUMNS: usize = 16;
 /// Number of passes; two are enough unless a random column happens to need more.
 const MAX_PASSES: usize = 6;
 
@@ -34,11 +34,11 @@ pub(crate) fn dot(a: ColRef<'_, f64>, b: ColRef<'_, f64>) -> f64 {
     a.transpose() * b
 }
 
-/// Fills a column with independent standard normal numbers.
-pub(crate) fn fill_gaussian(mut columns: MatMut<'_, f64>, rng: &mut ChaCha8Rng) {
-    for j in 0..columns.ncols() {
-        for i in 0..columns.nrows() {
-            columns[(i, j)] = StandardNormal.sample(rng);
+/// Fills a block (b × n) with independent standard normal numbers, vector by vector.
+pub(crate) fn fill_gaussian(mut block: MatMut<'_, f64>, rng: &mut ChaCha8Rng) {
+    for j in 0..block.nrows() {
+        for i in 0..block.ncols() {
+            block[(j, i)] = StandardNormal.sample(rng);
         }
     }
 }
@@ -51,28 +51,38 @@ pub(crate) struct Projection {
     pub(crate) inner: Mat<f64>,
 }
 
-/// Makes the block orthonormal and orthogonal to the basis.
+/// Makes the block (b × n) orthonormal and orthogonal to the basis.
 ///
 /// The first projection uses only the basis columns from `first_pass_start` on: the caller knows
 /// the block to be nearly orthogonal to those before it.
 pub(crate) fn orthonormalize(
-    basis: MatRef<'_, f64>,
+    basis: &Panels,
     first_pass_start: usize,
     mut block: MatMut<'_, f64>,
     rng: &mut ChaCha8Rng,
 ) -> Projection {
-    let (m, b) = (basis.ncols(), block.ncols());
+    let (m, b) = (basis.len(), block.nrows());
     let mut along = Mat::<f64>::zeros(m, b);
     let mut inner = Mat::<f64>::identity(b, b);
-    let lengths = (0..b).map(|j| dot(block.as_ref().col(j), block.as_ref().col(j)).sqrt());
-    let mut vanished = VANISHED * lengths.fold(0.0, f64::max);
+    let mut vanished = VANISHED * largest_length(block.as_ref());
     let mut start = first_pass_start;
     for pass in 0..MAX_PASSES {
-        let late = basis.subcols(start, m - start);
-        let coefficients = project_off(late, block.as_mut());
-        let (triangle, kept) = match cholesky_orthonormalize(block.as_mut()) {
-            Some(done) => done,
-            None => orthonormalize_columns(block.as_mut(), vanished, rng),
+        // U ← U - V VᵀU
+        let (coefficients, gram) = basis.project_off(start, block.as_mut());
+        let (triangle, kept) = match cholesky(&gram, vanished) {
+            Some((lower, kept)) => {
+                // U ← U R⁻¹, or Uᵀ ← L⁻¹ Uᵀ.
+                map(chunks_mut(block.as_mut()), |_, some| {
+                    solve_lower_triangular_in_place(lower.as_ref(), some, Par::Seq);
+                });
+                (lower.transpose().to_owned(), kept)
+            }
+            None => {
+                let mut columns = block.as_ref().transpose().to_owned();
+                let done = orthonormalize_columns(columns.as_mut(), vanished, rng);
+                block.copy_from(columns.transpose());
+                done
+            }
         };
         // along ← along + coefficients · inner,  inner ← triangle · inner
         matmul(
@@ -93,33 +103,24 @@ pub(crate) fn orthonormalize(
     Projection { along, inner }
 }
 
-/// U ← U - V C with C = VᵀU, a few columns of V at a time so that they are read but once.
-fn project_off(basis: MatRef<'_, f64>, mut block: MatMut<'_, f64>) -> Mat<f64> {
-    let m = basis.ncols();
-    let step = (NUMBERS_IN_CACHE / basis.nrows().max(1)).max(LEAST_COLUMNS);
-    let mut coefficients = Mat::<f64>::zeros(m, block.ncols());
-    for start in (0..m).step_by(step) {
-        let count = step.min(m - start);
-        let some = basis.subcols(start, count);
-        let mut part = coefficients.as_mut().subrows_mut(start, count);
-        matmul(
-            part.as_mut(),
-            Accum::Replace,
-            some.transpose(),
-            block.as_ref(),
-            1.0,
-            Par::Seq,
-        );
-        matmul(
-            block.as_mut(),
-            Accum::Add,
-            some,
-            part.as_ref(),
-            -1.0,
-            Par::Seq,
-        );
+/// The largest length of a vector of the block (b × n).
+fn largest_length(block: MatRef<'_, f64>) -> f64 {
+    let partial = map(chunks(block.ncols()), |_, (first, count)| {
+        let mut squares = vec![0.0; block.nrows()];
+        for i in first..first + count {
+            for (sum, x) in squares.iter_mut().zip(as_slice(block, i)) {
+                *sum += x * x;
+            }
+        }
+        squares
+    });
+    let mut squares = vec![0.0; block.nrows()];
+    for part in partial {
+        for (sum, x) in squares.iter_mut().zip(part) {
+            *sum += x;
+        }
     }
-    coefficients
+    squares.into_iter().fold(0.0_f64, |m, s| m.max(s.sqrt()))
 }
 
 /// a · b on one thread.
@@ -129,13 +130,10 @@ pub(crate) fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {
     c
 }
 
-/// U ← U R⁻¹ with UᵀU = RᵀR; returns R and its smallest diagonal entry.
-///
-/// `None`, and nothing changed, if UᵀU is nearly singular.
-fn cholesky_orthonormalize(block: MatMut<'_, f64>) -> Option<(Mat<f64>, f64)> {
-    let b = block.ncols();
-    let gram = product(block.as_ref().transpose(), block.as_ref());
-    // Lower triangular L = Rᵀ, row by row.
+/// L with L Lᵀ = UᵀU and its smallest diagonal entry; `None` if UᵀU is nearly singular,
+/// or a column has vanished.
+fn cholesky(gram: &Mat<f64>, vanished: f64) -> Option<(Mat<f64>, f64)> {
+    let b = gram.nrows();
     let mut lower = Mat::<f64>::zeros(b, b);
     let mut kept = f64::INFINITY;
     for i in 0..b {
@@ -147,15 +145,15 @@ fn cholesky_orthonormalize(block: MatMut<'_, f64>) -> Option<(Mat<f64>, f64)> {
                 continue;
             }
             // Asked this way round so that NaN is refused as well.
-            if !(rest > SMALLEST_PIVOT * gram[(i, i)] && rest.is_finite()) {
+            let is_sound = rest > SMALLEST_PIVOT * gram[(i, i)] && rest.sqrt() > vanished;
+            if !(is_sound && rest.is_finite()) {
                 return None;
             }
             lower[(i, i)] = rest.sqrt();
             kept = kept.min(lower[(i, i)]);
         }
     }
-    solve_lower_triangular_in_place(lower.as_ref(), block.transpose_mut(), Par::Seq);
-    Some((lower.transpose().to_owned(), kept))
+    Some((lower, kept))
 }
 
 /// One pass of Gram-Schmidt within the block.
@@ -192,7 +190,7 @@ fn orthonormalize_columns(
         }
         let length = dot(column.as_ref().col(0), column.as_ref().col(0)).sqrt();
         if length <= vanished || !length.is_finite() {
-            fill_gaussian(column.as_mut(), rng);
+            fill_gaussian(column.as_mut().transpose_mut(), rng);
             let random_length = dot(column.as_ref().col(0), column.as_ref().col(0)).sqrt();
             scale(column, 1.0 / random_length);
             kept = 0.0;
@@ -233,11 +231,15 @@ mod tests {
     fn block_is_the_basis_and_the_result_times_the_coefficients() {
         let mut rng = ChaCha8Rng::seed_from_u64(7);
         let (n, m, b) = (200, 12, 5);
-        let mut basis = Mat::zeros(n, m);
+        let mut basis = Mat::zeros(m, n);
         fill_gaussian(basis.as_mut(), &mut rng);
-        orthonormalize(Mat::zeros(n, 0).as_ref(), 0, basis.as_mut(), &mut rng);
-        let mut block = Mat::zeros(n, b);
-        fill_gaussian(block.as_mut(), &mut rng);
+        orthonormalize(&Panels::new(n), 0, basis.as_mut(), &mut rng);
+        let mut panels = Panels::new(n);
+        panels.append(basis.as_ref());
+        let basis = basis.transpose().to_owned();
+        let mut rows = Mat::zeros(b, n);
+        fill_gaussian(rows.as_mut(), &mut rng);
+        let mut block = rows.transpose().to_owned();
         // The last column is a combination of the basis and the first column, and so vanishes; the
         // third is nearly the second.
         for i in 0..n {
@@ -245,7 +247,9 @@ mod tests {
             block[(i, 2)] = block[(i, 1)] + 1e-9 * block[(i, 2)];
         }
         let before = block.clone();
-        let projection = orthonormalize(basis.as_ref(), 0, block.as_mut(), &mut rng);
+        rows.copy_from(block.transpose());
+        let projection = orthonormalize(&panels, 0, rows.as_mut(), &mut rng);
+        let block = rows.transpose().to_owned();
         let mut rebuilt = product(basis.as_ref(), projection.along.as_ref());
         let inner = projection.inner.as_ref();
         matmul(&mut rebuilt, Accum::Add, &block, inner, 1.0, Par::Seq);

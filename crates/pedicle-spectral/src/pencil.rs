@@ -8,9 +8,13 @@
 //! Differences first: smooth vectors lose no digits, and a constant has exactly no energy where
 //! the rows sum to 0. Row sums of the size of rounding are taken as 0.
 
-use faer::MatRef;
+use faer::{MatMut, MatRef};
 
-use crate::lanes::{LANES, Row, gather};
+use crate::lanes::{LANES, as_slice, as_slice_mut};
+use crate::parallel::map;
+
+/// One entry of eight vectors.
+pub(crate) type Row = [f64; LANES];
 
 /// Symmetric sparse rows with their masses.
 #[derive(Debug, Clone)]
@@ -80,22 +84,35 @@ impl Pencil {
     /// Rayleigh quotient λ = xᵀWx / xᵀMx and residual ‖W x - λ M x‖ in the M⁻¹ norm of every
     /// column.
     pub(crate) fn quotients_and_residuals(&self, columns: MatRef<'_, f64>) -> Vec<(f64, f64)> {
-        let order: Vec<u32> = (0..self.n() as u32).collect();
-        let mut x = vec![[0.0; LANES]; self.n()];
-        let mut product = x.clone();
-        let mut result = Vec::with_capacity(columns.ncols());
-        for first in (0..columns.ncols()).step_by(LANES) {
+        let groups: Vec<_> = (0..columns.ncols()).step_by(LANES).collect();
+        let results = map(groups, |_, first| {
             let count = LANES.min(columns.ncols() - first);
-            gather(columns.subcols(first, count), &order, &mut x);
-            let quotients = self.multiply(&x, &mut product);
+            let mut x = vec![[0.0; LANES]; self.n()];
+            for lane in 0..count {
+                for (row, &value) in x.iter_mut().zip(as_slice(columns, first + lane)) {
+                    row[lane] = value;
+                }
+            }
+            let (product, quotients) = self.multiply(&x);
             let residuals = self.residuals(&x, &product, &quotients);
-            result.extend((0..count).map(|lane| (quotients[lane], residuals[lane])));
+            (0..count).map(move |lane| (quotients[lane], residuals[lane]))
+        });
+        results.into_iter().flatten().collect()
+    }
+
+    /// x = M^(-1/2) y for all columns.
+    pub(crate) fn unscale(&self, mut columns: MatMut<'_, f64>) {
+        for j in 0..columns.ncols() {
+            let column = as_slice_mut(columns.as_mut(), j);
+            for (x, m) in column.iter_mut().zip(&self.mass) {
+                *x /= m.sqrt();
+            }
         }
-        result
     }
 
     /// Products W x and Rayleigh quotients.
-    fn multiply(&self, x: &[Row], product: &mut [Row]) -> Row {
+    fn multiply(&self, x: &[Row]) -> (Vec<Row>, Row) {
+        let mut product = vec![[0.0; LANES]; self.n()];
         let mut energy = [0.0; LANES];
         let mut norm = [0.0; LANES];
         for i in 0..self.n() {
@@ -119,7 +136,8 @@ impl Pencil {
                 norm[lane] += self.mass[i] * own[lane] * own[lane];
             }
         }
-        std::array::from_fn(|lane| energy[lane] / norm[lane])
+        let quotients = std::array::from_fn(|lane| energy[lane] / norm[lane]);
+        (product, quotients)
     }
 
     fn residuals(&self, x: &[Row], product: &[Row], quotients: &Row) -> Row {

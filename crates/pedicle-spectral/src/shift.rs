@@ -10,11 +10,14 @@
 
 use crate::SpectralError;
 use crate::block::Block;
+use crate::parallel::map;
 
 /// Diagonal of the cotangent matrix on equilateral triangles, 6 / √3.
 const EQUILATERAL_DIAGONAL: f64 = 3.464_101_615_137_754_6;
 /// Counts between the number asked for and this many times it (and a few more) are accepted at once.
 const ACCEPTED_EXCESS: f64 = 0.35;
+/// A guess from elsewhere is not followed further from Weyl's law than by this factor.
+const FAR_OFF: f64 = 10.0;
 /// Number of counts after which any number that is large enough is accepted.
 const MAX_PATIENT_COUNTS: usize = 6;
 /// Number of counts after which the search gives up.
@@ -31,16 +34,23 @@ pub(crate) struct CountedShift {
 }
 
 /// Finds a shift with at least `n_pairs` eigenvalues below it, and few more.
-pub(crate) fn find_shift(blocks: &[Block], n_pairs: usize) -> Result<CountedShift, SpectralError> {
+///
+/// A first guess from elsewhere is followed if it is not far from Weyl's law.
+pub(crate) fn find_shift(
+    blocks: &[Block],
+    n_pairs: usize,
+    guess: Option<f64>,
+) -> Result<CountedShift, SpectralError> {
     let k = n_pairs as f64;
     let accepted = n_pairs + 8 + (ACCEPTED_EXCESS * k) as usize;
-    let aim = k + 2.0 + 0.4 * ACCEPTED_EXCESS * k;
-    let mut shift = weyl_guess(blocks, aim);
+    let aim = aimed_count(n_pairs);
+    let law = weyl_guess(blocks, aim);
+    let mut shift = guess.unwrap_or(law).clamp(law / FAR_OFF, law * FAR_OFF);
     let mut too_low: Option<(f64, usize)> = None;
     let mut high_enough: Option<CountedShift> = None;
     for n_tried in 1..=MAX_COUNTS {
-        let counts = blocks.iter().map(|block| block.count_below(shift));
-        let counts = match counts.collect::<Result<Vec<_>, _>>() {
+        let counts = map(blocks.iter().collect(), |_, block| block.count_below(shift));
+        let counts = match counts.into_iter().collect::<Result<Vec<_>, _>>() {
             Ok(counts) => counts,
             // An eigenvalue was hit.
             Err(SpectralError::Factorization { .. }) if n_tried < MAX_COUNTS => {
@@ -70,9 +80,16 @@ pub(crate) fn find_shift(blocks: &[Block], n_pairs: usize) -> Result<CountedShif
         shift = next_guess(too_low, high, aim);
     }
     high_enough.ok_or_else(|| SpectralError::Factorization {
+        first_row: 0,
         shift,
         reason: format!("no shift was found with {n_pairs} eigenvalues below it"),
     })
+}
+
+/// Number of eigenvalues that should be below the shift.
+pub(crate) fn aimed_count(n_pairs: usize) -> f64 {
+    let k = n_pairs as f64;
+    k + 2.0 + 0.4 * ACCEPTED_EXCESS * k
 }
 
 fn weyl_guess(blocks: &[Block], n: f64) -> f64 {

@@ -12,7 +12,11 @@ use faer::MatMut;
 use faer::MatRef;
 use faer::sparse::linalg::cholesky::supernodal::SymbolicSupernodalCholesky;
 
-use crate::lanes::{LANES, Row, as_slice, gather, plus_scaled, scatter};
+use crate::lanes::{LANES, as_slice, gather, plus_scaled, scatter};
+use crate::parallel::map;
+
+/// Fewest rows at which two threads are faster than one.
+const ROWS_WORTH_SHARING: usize = 8192;
 
 /// The numbers that the supernodal factorisation leaves behind.
 pub(crate) struct PivotedFactor {
@@ -81,7 +85,6 @@ pub(crate) struct TriangularFactor {
     rows: Vec<u32>,
     values: Vec<f64>,
     pivots: Pivots,
-    work: Vec<Row>,
 }
 
 /// Columns of one supernode, and the rows below its diagonal block.
@@ -173,7 +176,6 @@ impl TriangularFactor {
             rows: Vec::with_capacity(factor.values.len()),
             values: Vec::with_capacity(factor.values.len()),
             pivots,
-            work: vec![[0.0; LANES]; n],
         };
         result.starts.push(0);
         for s in 0..symbolic.n_supernodes() {
@@ -209,23 +211,40 @@ impl TriangularFactor {
         }
     }
 
-    /// Replaces right-hand sides b by K(μ)⁻¹ b.
-    pub(crate) fn solve_in_place(&mut self, mut right_hand_sides: MatMut<'_, f64>) {
-        let n_columns = right_hand_sides.ncols();
-        let mut first = 0;
-        while first < n_columns {
-            let count = LANES.min(n_columns - first);
-            let mut some = right_hand_sides.as_mut().subcols_mut(first, count);
-            gather(some.as_ref(), &self.order, &mut self.work);
-            self.solve_lanes();
-            scatter(&self.work, &self.order, some.as_mut());
-            first += count;
+    /// Number of rows.
+    pub(crate) fn n(&self) -> usize {
+        self.order.len()
+    }
+
+    /// Replaces right-hand sides (b × n, one a row) by K(μ)⁻¹ times them.
+    ///
+    /// Every right-hand side is solved for itself, so that no bit depends on how they are dealt
+    /// out: eight at a time on one thread, four on each of several.
+    pub(crate) fn solve_in_place(&self, mut right_hand_sides: MatMut<'_, f64>) {
+        let n = self.order.len();
+        if n >= ROWS_WORTH_SHARING && rayon::current_num_threads() > 1 {
+            const HALF: usize = LANES / 2;
+            let solved = map(lane_groups(right_hand_sides.nrows(), HALF), |_, lanes| {
+                self.solve_lanes::<HALF>(right_hand_sides.as_ref().subrows(lanes.0, lanes.1))
+            });
+            for (first, count) in lane_groups(right_hand_sides.nrows(), HALF) {
+                let rows = right_hand_sides.as_mut().subrows_mut(first, count);
+                scatter(&solved[first / HALF], &self.order, rows);
+            }
+            return;
+        }
+        for (first, count) in lane_groups(right_hand_sides.nrows(), LANES) {
+            let mut rows = right_hand_sides.as_mut().subrows_mut(first, count);
+            let solved = self.solve_lanes::<LANES>(rows.as_ref());
+            scatter(&solved, &self.order, rows.as_mut());
         }
     }
 
-    fn solve_lanes(&mut self) {
+    /// K(μ)⁻¹ times up to N right-hand sides, in pivot order.
+    fn solve_lanes<const N: usize>(&self, right_hand_sides: MatRef<'_, f64>) -> Vec<[f64; N]> {
         let n = self.order.len();
-        let x = &mut self.work[..];
+        let mut work = gather::<N>(right_hand_sides, &self.order);
+        let x = &mut work[..];
         for j in 0..n {
             let range = self.starts[j]..self.starts[j + 1];
             let xj = x[j];
@@ -241,7 +260,7 @@ impl TriangularFactor {
                 continue;
             }
             let xj = x[j];
-            let zero = [0.0; LANES];
+            let zero = [0.0; N];
             x[j] = plus_scaled(zero, self.pivots.inverse_diagonal[j], xj);
             if beside != 0.0 {
                 let next = x[j + 1];
@@ -258,7 +277,14 @@ impl TriangularFactor {
             }
             x[j] = xj;
         }
+        work
     }
+}
+
+/// Start and length of every group of up to `width` of `n` right-hand sides.
+fn lane_groups(n: usize, width: usize) -> Vec<(usize, usize)> {
+    let starts = (0..n).step_by(width);
+    starts.map(|s| (s, width.min(n - s))).collect()
 }
 
 #[cfg(test)]
@@ -298,7 +324,7 @@ mod tests {
         let factorizer = Factorizer::new(&pencil).unwrap();
         let angle = |i: usize, n: usize| std::f64::consts::PI * i as f64 / n as f64;
         for shift in [-0.3, 0.41, 1.3, 2.05, 3.3, 4.4, 5.9, 8.5] {
-            let mut factor = factorizer.factorize(shift).unwrap();
+            let factor = factorizer.factorize(shift).unwrap();
             let below = (0..n)
                 .filter(|&i| {
                     let (a, b) = (angle(i % nx, nx), angle(i / nx, ny));
@@ -312,8 +338,9 @@ mod tests {
             );
             // Eleven columns: one full set of lanes and a part of another.
             let right = Mat::from_fn(n, 11, |i, j| ((i * 7 + j * 13) % 29) as f64 - 14.0);
-            let mut x = right.clone();
-            factor.solve_in_place(x.as_mut());
+            let mut rows = right.transpose().to_owned();
+            factor.solve_in_place(rows.as_mut());
+            let x = rows.transpose();
             for j in 0..11 {
                 for i in 0..n {
                     let off: f64 = pencil.row(i).map(|(k, w)| w * x[(k, j)]).sum();

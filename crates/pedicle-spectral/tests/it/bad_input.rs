@@ -162,10 +162,30 @@ fn too_few_restarts_are_an_error_with_numbers() {
     let SpectralError::NotConverged {
         n_converged,
         requested,
+        residuals,
+        first_row: 0,
+        worst_residual,
         ..
     } = error
     else {
         panic!("wrong error: {error}");
     };
     assert!(n_converged < requested, "{n_converged} of {requested}");
+    assert!(!residuals.is_empty(), "residuals of the wanted pairs");
+    let largest = residuals.iter().fold(0.0_f64, |m, &r| m.max(r));
+    assert!((largest - worst_residual).abs() == 0.0, "the worst of them");
+}
+
+#[test]
+fn no_convergence_names_the_block() {
+    // A single vertex, and then a path that starts at row 1.
+    let edges: Vec<_> = (2..900).map(|i| (i - 1, i, 1.0)).collect();
+    let options = EigenOptions {
+        max_restarts: 0,
+        max_basis_size: Some(1),
+        ..EigenOptions::default()
+    };
+    let stiffness = graph_laplacian(900, &edges);
+    let error = smallest_eigenpairs(&stiffness, &[1.0; 900], 30, &options).unwrap_err();
+    assert!(error.to_string().contains("block of row 1;"), "{error}");
 }

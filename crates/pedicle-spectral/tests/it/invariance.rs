@@ -3,10 +3,12 @@
 use faer::Mat;
 use nalgebra::{Isometry3, Point3, Vector3};
 use pedicle_mesh::TriMesh;
-use pedicle_spectral::{EigenOptions, EigenPairs, laplace_basis, smallest_eigenpairs};
+use pedicle_spectral::{
+    EigenOptions, EigenPairs, laplace_basis, smallest_eigenpairs, smallest_eigenpairs_from,
+};
 use proptest::prelude::*;
 
-use crate::shapes::{operators, potato, rectangle};
+use crate::shapes::{graph_laplacian, icosphere, operators, potato, rectangle};
 
 const N_PAIRS: usize = 30;
 
@@ -120,6 +122,48 @@ fn seed_and_block_size_do_not_matter() {
     }
 }
 
+/// The first entry within 1e-6 of the largest magnitude.
+fn first_of_the_largest(column: &[f64]) -> f64 {
+    let largest = column.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+    let near = column.iter().find(|x| x.abs() >= (1.0 - 1e-6) * largest);
+    near.copied().unwrap_or(0.0)
+}
+
+#[test]
+fn signs_are_canonical() {
+    for mesh in [potato(3), icosphere(3)] {
+        let pairs = solve(&mesh);
+        for j in 0..N_PAIRS {
+            let first = first_of_the_largest(pairs.eigenvectors.col_as_slice(j));
+            assert!(first > 0.0, "vector {j}: {first}");
+        }
+    }
+}
+
+#[test]
+fn spaces_of_repeated_eigenvalues_do_not_depend_on_the_seed() {
+    // On a sphere only the spaces of 1, 3, 5, 7 and 9 vectors are determined.
+    let (stiffness, mass) = operators(&icosphere(3));
+    let with_seed = |seed| {
+        let options = EigenOptions {
+            seed,
+            ..EigenOptions::default()
+        };
+        laplace_basis(&stiffness, &mass, 25, &options).unwrap()
+    };
+    let (a, b) = (with_seed(1), with_seed(2));
+    let angles = a.project(b.eigenfunctions.as_ref());
+    let mut first = 0;
+    for l in 0..5 {
+        let count = 2 * l + 1;
+        let part = angles.submatrix(first, first, count, count);
+        let gram = part.transpose() * part;
+        let difference = &gram - &Mat::<f64>::identity(count, count);
+        assert!(difference.norm_max() < 1e-9, "space of degree {l}");
+        first += count;
+    }
+}
+
 #[test]
 fn basis_is_orthonormal_in_the_mass() {
     let mesh = potato(3);
@@ -162,6 +206,50 @@ proptest! {
         prop_assert!(pairs.work.n_solves > 0 || n_pairs == 1);
         for (a, b) in pairs.eigenvalues.iter().zip(&dense.eigenvalues) {
             prop_assert!((a - b).abs() <= 1e-10 * dense.eigenvalues[n_pairs], "{} {}", a, b);
+        }
+    }
+
+    #[test]
+    fn random_graphs_agree_with_another_dense_solver(
+        ends in proptest::collection::vec((0_usize..180, 0_usize..180, -6.0_f64..2.0), 150..500),
+        logs in proptest::collection::vec(-2.0_f64..2.0, 180),
+        fixed in 0.0_f64..2.0,
+        n_pairs in 1_usize..50,
+    ) {
+        // Loose ends, several components, weights over eight decades; some rows are held.
+        let n = logs.len();
+        let edges: Vec<_> = ends
+            .iter()
+            .filter(|(a, b, _)| a != b)
+            .map(|&(a, b, log)| (a, b, 10.0_f64.powf(log)))
+            .collect();
+        let mass: Vec<f64> = logs.iter().map(|log| log.exp()).collect();
+        let mut triplets = sprs::TriMat::new((n, n));
+        for (&w, (i, j)) in &graph_laplacian(n, &edges) {
+            triplets.add_triplet(i, j, w);
+        }
+        if fixed > 1.0 {
+            triplets.add_triplet(7, 7, fixed);
+        }
+        let stiffness: sprs::CsMat<f64> = triplets.to_csr();
+        let mut dense = nalgebra::DMatrix::<f64>::zeros(n, n);
+        for (&w, (i, j)) in &stiffness {
+            dense[(i, j)] = w / (mass[i] * mass[j]).sqrt();
+        }
+        let mut expected: Vec<f64> = dense.symmetric_eigenvalues().iter().copied().collect();
+        expected.sort_by(f64::total_cmp);
+        let options = EigenOptions::default();
+        let pairs = smallest_eigenpairs(&stiffness, &mass, n_pairs, &options).unwrap();
+        prop_assert!(pairs.certificate.complete);
+        for (a, b) in pairs.eigenvalues.iter().zip(&expected) {
+            prop_assert!((a - b).abs() <= 1e-12 * expected[n - 1], "{} {}", a, b);
+        }
+        let known = pairs.eigenvectors.as_ref();
+        let more = smallest_eigenpairs_from(&stiffness, &mass, n_pairs + 9, known, &options);
+        let more = more.unwrap();
+        prop_assert!(more.certificate.complete);
+        for (a, b) in more.eigenvalues.iter().zip(&expected) {
+            prop_assert!((a - b).abs() <= 1e-12 * expected[n - 1], "{} {}", a, b);
         }
     }
 }

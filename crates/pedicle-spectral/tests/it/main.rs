@@ -10,3 +10,5 @@ mod bad_input;
 mod invariance;
 mod references;
 mod shapes;
+mod threads;
+mod warm;
