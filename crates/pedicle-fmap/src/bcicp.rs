@@ -17,12 +17,13 @@
 use faer::Mat;
 
 use crate::{
-    FmapError, FunctionalMap, PointMap, PointMapPair, Shape, Side,
+    FmapError, FunctionalMap, PointMap, PointMapPair, RefinementStep, Shape, Side,
     convert::{check_basis, functions, point_map_pair_from_functional, pulled_back},
     linear::{add_scaled, nearest_orthogonal, product},
     map::check_size,
+    map_quality,
     nearest::nearest_rows,
-    quality::{bijectivity_error, continuity, vertex_coverage},
+    progress::{Reporter, changed_share, map_energy},
     spatial::{Surface, improve},
     zoomout::icp_rounds,
 };
@@ -62,21 +63,6 @@ impl Default for BcicpOptions {
     }
 }
 
-/// The state of both maps at one point of the refinement.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct BcicpStep {
-    /// Share of the source vertices that the target's vertices are mapped to.
-    pub source_coverage: f64,
-    /// Share of the target vertices that the source's vertices are mapped to.
-    pub target_coverage: f64,
-    /// Mean distance of source vertices from their round trip, over √area.
-    pub bijectivity_error: f64,
-    /// Mean stretch of the edges of the target.
-    pub target_stretch: f64,
-    /// Share of the edges of the target that are torn.
-    pub target_torn_share: f64,
-}
-
 /// Maps refined in both directions.
 #[derive(Debug, Clone)]
 pub struct Bcicp {
@@ -85,7 +71,7 @@ pub struct Bcicp {
     /// One target vertex for every source vertex (source and target exchanged in the type).
     pub source_to_target: PointMap,
     /// The maps given, the maps after spectral ICP, then one entry an iteration.
-    pub report: Vec<BcicpStep>,
+    pub report: Vec<RefinementStep>,
 }
 
 /// Refines a functional map; the way back starts from its adjoint.
@@ -99,8 +85,22 @@ pub fn bcicp(
     initial: &FunctionalMap,
     options: &BcicpOptions,
 ) -> Result<Bcicp, FmapError> {
+    bcicp_with_progress(source, target, initial, options, &mut |_| ())
+}
+
+/// [`bcicp`] that calls back at every step.
+///
+/// # Errors
+/// As [`bcicp`].
+pub fn bcicp_with_progress(
+    source: &Shape<'_>,
+    target: &Shape<'_>,
+    initial: &FunctionalMap,
+    options: &BcicpOptions,
+    progress: &mut dyn FnMut(&RefinementStep),
+) -> Result<Bcicp, FmapError> {
     let maps = point_map_pair_from_functional(source.basis, target.basis, initial)?;
-    bcicp_from_point_maps(source, target, &maps, options)
+    bcicp_from_point_maps_with_progress(source, target, &maps, options, progress)
 }
 
 /// Refines point maps in both directions.
@@ -114,47 +114,55 @@ pub fn bcicp_from_point_maps(
     initial: &PointMapPair,
     options: &BcicpOptions,
 ) -> Result<Bcicp, FmapError> {
+    bcicp_from_point_maps_with_progress(source, target, initial, options, &mut |_| ())
+}
+
+/// [`bcicp_from_point_maps`] that calls back at every step.
+///
+/// # Errors
+/// As [`bcicp_from_point_maps`].
+pub fn bcicp_from_point_maps_with_progress(
+    source: &Shape<'_>,
+    target: &Shape<'_>,
+    initial: &PointMapPair,
+    options: &BcicpOptions,
+    progress: &mut dyn FnMut(&RefinementStep),
+) -> Result<Bcicp, FmapError> {
     let n_source = options.n_source.unwrap_or(source.basis.n_functions());
     let n_target = options.n_target.unwrap_or(target.basis.n_functions());
     check(source, target, initial, options)?;
     check_basis(source.basis, Side::Source, n_source)?;
     check_basis(target.basis, Side::Target, n_target)?;
 
-    let mut spectral = Spectral {
-        source,
-        target,
-        n_source,
-        n_target,
-        maps: initial.clone(),
-    };
-    let mut report = vec![spectral.step()?];
+    let mut reporter = Reporter::new(progress);
+    let mut spectral = Spectral::new((source, target), (n_source, n_target), initial.clone());
+    reporter.push(spectral.step(None)?);
+    let before = spectral.maps.clone();
     spectral.run_icp(options.n_icp_rounds)?;
-    report.push(spectral.step()?);
+    reporter.push(spectral.step(Some(&before.target_to_source))?);
 
     let mut surfaces = (Surface::new(source.mesh), Surface::new(target.mesh));
     for _ in 0..options.n_iterations {
         let before = spectral.maps.clone();
         let (source_rows, target_rows) = spectral.joint_rows()?;
-        spectral.maps = PointMapPair {
-            target_to_source: PointMap {
-                source_of_target: nearest_rows(target_rows.as_ref(), source_rows.as_ref()),
-                n_source_vertices: source.mesh.n_vertices(),
-            },
-            source_to_target: PointMap {
-                source_of_target: nearest_rows(source_rows.as_ref(), target_rows.as_ref()),
-                n_source_vertices: target.mesh.n_vertices(),
-            },
+        let mut target_to_source = PointMap {
+            source_of_target: nearest_rows(target_rows.as_ref(), source_rows.as_ref()),
+            n_source_vertices: source.mesh.n_vertices(),
+        };
+        let mut source_to_target = PointMap {
+            source_of_target: nearest_rows(source_rows.as_ref(), target_rows.as_ref()),
+            n_source_vertices: target.mesh.n_vertices(),
         };
         surfaces.0.set_rows(&source_rows);
         surfaces.1.set_rows(&target_rows);
-        let PointMapPair {
+        let (s, t) = (&surfaces.0, &surfaces.1);
+        improve(s, t, (&mut target_to_source, &source_to_target), options);
+        improve(t, s, (&mut source_to_target, &target_to_source), options);
+        spectral.set_maps(PointMapPair {
             target_to_source,
             source_to_target,
-        } = &mut spectral.maps;
-        let (s, t) = (&surfaces.0, &surfaces.1);
-        improve(s, t, (target_to_source, source_to_target), options);
-        improve(t, s, (source_to_target, target_to_source), options);
-        report.push(spectral.step()?);
+        });
+        reporter.push(spectral.step(Some(&before.target_to_source))?);
         if spectral.maps == before {
             break;
         }
@@ -162,7 +170,7 @@ pub fn bcicp_from_point_maps(
     Ok(Bcicp {
         target_to_source: spectral.maps.target_to_source,
         source_to_target: spectral.maps.source_to_target,
-        report,
+        report: reporter.report,
     })
 }
 
@@ -173,29 +181,57 @@ struct Spectral<'a> {
     n_source: usize,
     n_target: usize,
     maps: PointMapPair,
+    /// C_st and C_ts of the point maps.
+    pulled: (Mat<f64>, Mat<f64>),
 }
 
-impl Spectral<'_> {
+impl<'a> Spectral<'a> {
+    fn new(
+        (source, target): (&'a Shape<'a>, &'a Shape<'a>),
+        (n_source, n_target): (usize, usize),
+        maps: PointMapPair,
+    ) -> Self {
+        let mut spectral = Self {
+            source,
+            target,
+            n_source,
+            n_target,
+            maps: maps.clone(),
+            pulled: (Mat::new(), Mat::new()),
+        };
+        spectral.set_maps(maps);
+        spectral
+    }
+
+    fn set_maps(&mut self, maps: PointMapPair) {
+        let (s, t) = (self.source.basis, self.target.basis);
+        let size = (self.n_target, self.n_source);
+        let there = pulled_back(s, t, &maps.target_to_source, size).matrix;
+        let size = (self.n_source, self.n_target);
+        let back = pulled_back(t, s, &maps.source_to_target, size).matrix;
+        self.pulled = (there, back);
+        self.maps = maps;
+    }
+
     fn run_icp(&mut self, n_rounds: usize) -> Result<(), FmapError> {
         let (s, t) = (self.source.basis, self.target.basis);
         let there = (self.n_target, self.n_source);
         let back = (self.n_source, self.n_target);
-        let refined = icp_rounds(s, t, &self.maps.target_to_source, (there, n_rounds))?;
-        self.maps.target_to_source = refined;
-        let refined = icp_rounds(t, s, &self.maps.source_to_target, (back, n_rounds))?;
-        self.maps.source_to_target = refined;
+        let maps = &self.maps;
+        let maps = PointMapPair {
+            target_to_source: icp_rounds(s, t, &maps.target_to_source, (there, n_rounds))?,
+            source_to_target: icp_rounds(t, s, &maps.source_to_target, (back, n_rounds))?,
+        };
+        self.set_maps(maps);
         Ok(())
     }
 
     /// E_s and E_t, one row a vertex, k_source + k_target columns.
     fn joint_rows(&self) -> Result<(Mat<f64>, Mat<f64>), FmapError> {
         let (s, t) = (self.source.basis, self.target.basis);
-        let size = (self.n_target, self.n_source);
-        let there = pulled_back(s, t, &self.maps.target_to_source, size).matrix;
-        let there = nearest_orthogonal(&there)?;
-        let size = (self.n_source, self.n_target);
-        let back = pulled_back(t, s, &self.maps.source_to_target, size).matrix;
-        let back = nearest_orthogonal(&back)?;
+        let there = nearest_orthogonal(&self.pulled.0)?;
+        let back = nearest_orthogonal(&self.pulled.1)?;
+        // A round trip on the source, and one on the target.
         let (there, back) = (
             half_undone(&there, &product(back.as_ref(), there.as_ref()))?,
             half_undone(&back, &product(there.as_ref(), back.as_ref()))?,
@@ -213,18 +249,17 @@ impl Spectral<'_> {
         Ok((source_rows, target_rows))
     }
 
-    fn step(&self) -> Result<BcicpStep, FmapError> {
-        let PointMapPair {
-            target_to_source,
-            source_to_target,
-        } = &self.maps;
-        let continuity = continuity(self.source.mesh, self.target.mesh, target_to_source)?;
-        Ok(BcicpStep {
-            source_coverage: vertex_coverage(target_to_source),
-            target_coverage: vertex_coverage(source_to_target),
-            bijectivity_error: bijectivity_error(self.source.mesh, &self.maps)?,
-            target_stretch: continuity.mean_stretch,
-            target_torn_share: continuity.torn_share,
+    fn step(&self, before: Option<&PointMap>) -> Result<RefinementStep, FmapError> {
+        let map = &self.maps.target_to_source;
+        let quality = map_quality(self.source.mesh, self.target.mesh, &self.maps)?;
+        let pulled = (&self.pulled.0, self.n_target, self.n_source);
+        Ok(RefinementStep {
+            n_source: self.n_source,
+            n_target: self.n_target,
+            coverage: quality.source_coverage,
+            changed: changed_share(before, map),
+            energy: map_energy(self.source.basis, self.target.basis, map, pulled),
+            quality: Some(quality),
         })
     }
 }

@@ -13,6 +13,7 @@
 //! | `convert` | [`point_map_from_functional`], [`functional_from_point_map`] |
 //! | `zoomout` | [`zoomout`], [`spectral_icp`] |
 //! | `bcicp`, `spatial` | [`bcicp`]: both directions at once |
+//! | `progress` | [`RefinementStep`]: the report and the callback of every refinement |
 //! | `quality` | [`coverage`], [`bijectivity_error`], [`continuity`], [`mean_error_mm`] |
 //!
 //! The crate does not know what its descriptors describe, nor what the shapes are. A null space of
@@ -81,11 +82,15 @@ mod map;
 mod mask;
 mod nearest;
 mod operators;
+mod progress;
 mod quality;
 mod spatial;
 mod zoomout;
 
-pub use bcicp::{Bcicp, BcicpOptions, BcicpStep, bcicp, bcicp_from_point_maps};
+pub use bcicp::{
+    Bcicp, BcicpOptions, bcicp, bcicp_from_point_maps, bcicp_from_point_maps_with_progress,
+    bcicp_with_progress,
+};
 pub use convert::{
     functional_from_point_map, point_map_from_functional, point_map_pair_from_functional,
 };
@@ -94,6 +99,7 @@ pub use error::{FmapError, Side};
 pub use fit::{Fit, FitOptions, FitTermination, fit, minimize};
 pub use map::{FunctionalMap, PointMap, PointMapPair, Shape};
 pub use mask::{LaplacianMask, laplacian_mask};
+pub use progress::{MapQuality, QualityAt, RefinementStep, map_quality};
 pub use quality::{
     Continuity, bijectivity_error, continuity, coverage, mean_error_mm, mean_error_over_sqrt_area,
     vertex_coverage,
