@@ -23,7 +23,10 @@ use pedicle_fmap::{
 
 fn main() {
     let n_vertices = std::env::args().nth(1).map_or(5000, |n| n.parse().unwrap());
-    for pair in [Bent::nets(n_vertices, 120), Bent::simplified(n_vertices, 120)] {
+    for pair in [
+        Bent::nets(n_vertices, 120),
+        Bent::simplified(n_vertices, 120),
+    ] {
         compare(&pair);
     }
 }
@@ -37,7 +40,9 @@ fn compare(pair: &Bent) {
         s.n_vertices(),
         t.n_vertices()
     );
-    println!("                     coverage   back    bijectivity  stretch  torn    error    seconds");
+    println!(
+        "                     coverage   back    bijectivity  stretch  torn    error    seconds"
+    );
     let print = |name: &str, maps: &PointMapPair, seconds: f64| {
         let quality: MapQuality = map_quality(source.mesh, target.mesh, maps).unwrap();
         let error = |map| mean_error_over_sqrt_area(source.mesh, target.mesh, map, &pair.truth);

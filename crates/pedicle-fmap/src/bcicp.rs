@@ -1,32 +1,43 @@
 //! BCICP: refinement of maps in both directions at once, bijective, continuous and covering.
 //!
 //! ```text
-//! C_st, C_ts   of the point maps, projected to the nearest orthogonal matrices
-//! Q = U Vᵀ of C_ts C_st,   C_st ← U Vᵀ of (C_st + C_st Qᵀ)        and the same for C_ts
-//! rows         E_s = [Φ_s, Φ_s C_ts],   E_t = [Φ_t C_st, Φ_t]
-//! T_st, T_ts   nearest rows of E_s to E_t and of E_t to E_s, then the spatial pass on each
+//! P_st, P_ts   pulled back from the point maps T_st (target to source) and T_ts
+//! C = U Vᵀ of P_st + P_tsᵀ      the orthonormal C of least ‖Φ_t C - Π_st Φ_s‖² + ‖Φ_s Cᵀ - Π_ts Φ_t‖²
+//! T_st, T_ts   nearest rows of [Φ_t C, Φ_t] and [Φ_s, Φ_s Cᵀ], the spatial pass, then coupling
 //! ```
 //!
-//! C_ts C_st is what a round trip does to functions on the source: the identity, if the maps are
-//! inverse to each other. Its orthogonal part Q is undone by half a step in either direction, after
-//! which the two maps agree. The spatial pass looks at neighbourhoods on the mesh only, so memory
-//! grows linearly with the number of vertices.
+//! One C serves both directions: where it is square its inverse is Cᵀ, so the maps are inverse to
+//! each other in the spectrum (Ren et al. project the round trip C_ts C_st towards the orthogonal
+//! group instead, which gives two). With orthonormal columns the two halves of the squared distance
+//! differ by what C leaves out of Φ_t alone; k_source + 1 columns therefore measure the same as
+//! k_source + k_target:
+//!
+//! ```text
+//! |Φ_t C - Φ_s|² + |Φ_t - Φ_s Cᵀ|² = 2 |Φ_t C - Φ_s|² + |Φ_t|² - |Φ_t C|²      (k_source ≤ k_target)
+//! ```
+//!
+//! The first rounds have no spatial pass and grow from few functions to all, as ZoomOut does: from
+//! a rough map that halves the error of rounds with all functions. The spatial pass looks at
+//! neighbourhoods on the mesh only, so memory grows linearly with the number of vertices. At the
+//! end of an iteration vertices are paired one to one as far as their neighbourhoods allow.
 //!
 //! Ren, Poulenard, Wonka & Ovsjanikov 2018, section 5.
 
-use faer::Mat;
+use faer::{Mat, MatRef};
 
 use crate::{
     FmapError, FunctionalMap, PointMap, PointMapPair, RefinementStep, Shape, Side,
     convert::{check_basis, functions, point_map_pair_from_functional, pulled_back},
-    linear::{add_scaled, nearest_orthogonal, product},
+    linear::{nearest_orthogonal, product},
     map::check_size,
     map_quality,
     nearest::nearest_rows,
     progress::{Reporter, changed_share, map_energy},
-    spatial::{Surface, improve},
-    zoomout::icp_rounds,
+    spatial::{Surface, couple, improve},
 };
+
+/// The first rounds use at least this many functions, or all there are.
+const FEWEST_FUNCTIONS: usize = 20;
 
 /// How BCICP refines.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,9 +46,12 @@ pub struct BcicpOptions {
     pub n_source: Option<usize>,
     /// Number of functions of the target; all of its basis if `None`, which is the default.
     pub n_target: Option<usize>,
-    /// Rounds of spectral ICP in each direction before the first iteration, 5.
+    /// Rounds of spectral ICP in both directions before the first iteration, 5.
     pub n_icp_rounds: usize,
-    /// Iterations, 5.
+    /// Share of the functions in the first of these rounds, 0.3, but not below 20 functions; the
+    /// last of several rounds has all, a single round too. In (0, 1].
+    pub icp_start_share: f64,
+    /// Iterations with the spatial pass, 3.
     pub n_iterations: usize,
     /// Preimages a vertex may have before some are spread, 4; times the ratio of the numbers of
     /// vertices if there are more to be mapped than to be hit.
@@ -55,7 +69,8 @@ impl Default for BcicpOptions {
             n_source: None,
             n_target: None,
             n_icp_rounds: 5,
-            n_iterations: 5,
+            icp_start_share: 0.3,
+            n_iterations: 3,
             max_preimages: 4,
             smooth_above_coverage: 0.6,
             outlier_share: 0.08,
@@ -138,26 +153,24 @@ pub fn bcicp_from_point_maps_with_progress(
     let mut spectral = Spectral::new((source, target), (n_source, n_target), initial.clone());
     reporter.push(spectral.step(None)?);
     let before = spectral.maps.clone();
-    spectral.run_icp(options.n_icp_rounds)?;
+    spectral.run_icp(options.n_icp_rounds, options.icp_start_share)?;
     reporter.push(spectral.step(Some(&before.target_to_source))?);
 
     let mut surfaces = (Surface::new(source.mesh), Surface::new(target.mesh));
     for _ in 0..options.n_iterations {
         let before = spectral.maps.clone();
-        let (source_rows, target_rows) = spectral.joint_rows()?;
-        let mut target_to_source = PointMap {
-            source_of_target: nearest_rows(target_rows.as_ref(), source_rows.as_ref()),
-            n_source_vertices: source.mesh.n_vertices(),
-        };
-        let mut source_to_target = PointMap {
-            source_of_target: nearest_rows(source_rows.as_ref(), target_rows.as_ref()),
-            n_source_vertices: target.mesh.n_vertices(),
-        };
+        let (source_rows, target_rows) = spectral.joint_rows((n_source, n_target))?;
+        let PointMapPair {
+            mut target_to_source,
+            mut source_to_target,
+        } = nearest_pair(&source_rows, &target_rows);
         surfaces.0.set_rows(&source_rows);
         surfaces.1.set_rows(&target_rows);
         let (s, t) = (&surfaces.0, &surfaces.1);
         improve(s, t, (&mut target_to_source, &source_to_target), options);
         improve(t, s, (&mut source_to_target, &target_to_source), options);
+        couple(t, s, (&mut source_to_target, &target_to_source));
+        couple(s, t, (&mut target_to_source, &source_to_target));
         spectral.set_maps(PointMapPair {
             target_to_source,
             source_to_target,
@@ -205,48 +218,41 @@ impl<'a> Spectral<'a> {
 
     fn set_maps(&mut self, maps: PointMapPair) {
         let (s, t) = (self.source.basis, self.target.basis);
-        let size = (self.n_target, self.n_source);
-        let there = pulled_back(s, t, &maps.target_to_source, size).matrix;
-        let size = (self.n_source, self.n_target);
-        let back = pulled_back(t, s, &maps.source_to_target, size).matrix;
-        self.pulled = (there, back);
+        let (there, back) = (&maps.target_to_source, &maps.source_to_target);
+        self.pulled = rayon::join(
+            || pulled_back(s, t, there, (self.n_target, self.n_source)).matrix,
+            || pulled_back(t, s, back, (self.n_source, self.n_target)).matrix,
+        );
         self.maps = maps;
     }
 
-    fn run_icp(&mut self, n_rounds: usize) -> Result<(), FmapError> {
-        let (s, t) = (self.source.basis, self.target.basis);
-        let there = (self.n_target, self.n_source);
-        let back = (self.n_source, self.n_target);
-        let maps = &self.maps;
-        let maps = PointMapPair {
-            target_to_source: icp_rounds(s, t, &maps.target_to_source, (there, n_rounds))?,
-            source_to_target: icp_rounds(t, s, &maps.source_to_target, (back, n_rounds))?,
-        };
-        self.set_maps(maps);
+    fn run_icp(&mut self, n_rounds: usize, start_share: f64) -> Result<(), FmapError> {
+        for left in (0..n_rounds).rev() {
+            // Evenly from the first share to all.
+            let behind = left as f64 / (n_rounds - 1).max(1) as f64;
+            let share = 1.0 - (1.0 - start_share) * behind;
+            let count = |all: usize| {
+                let some = (share * all as f64).round() as usize;
+                some.max(FEWEST_FUNCTIONS).min(all)
+            };
+            let (source_rows, target_rows) =
+                self.joint_rows((count(self.n_source), count(self.n_target)))?;
+            self.set_maps(nearest_pair(&source_rows, &target_rows));
+        }
         Ok(())
     }
 
-    /// E_s and E_t, one row a vertex, k_source + k_target columns.
-    fn joint_rows(&self) -> Result<(Mat<f64>, Mat<f64>), FmapError> {
-        let (s, t) = (self.source.basis, self.target.basis);
-        let there = nearest_orthogonal(&self.pulled.0)?;
-        let back = nearest_orthogonal(&self.pulled.1)?;
-        // A round trip on the source, and one on the target.
-        let (there, back) = (
-            half_undone(&there, &product(back.as_ref(), there.as_ref()))?,
-            half_undone(&back, &product(there.as_ref(), back.as_ref()))?,
-        );
-        let (phi_s, phi_t) = (functions(s, self.n_source), functions(t, self.n_target));
-        let side_by_side = |left: faer::MatRef<'_, f64>, right: faer::MatRef<'_, f64>| {
-            let mut rows = Mat::zeros(left.nrows(), left.ncols() + right.ncols());
-            rows.subcols_mut(0, left.ncols()).copy_from(left);
-            rows.subcols_mut(left.ncols(), right.ncols())
-                .copy_from(right);
-            rows
-        };
-        let source_rows = side_by_side(phi_s, product(phi_s, back.as_ref()).as_ref());
-        let target_rows = side_by_side(product(phi_t, there.as_ref()).as_ref(), phi_t);
-        Ok((source_rows, target_rows))
+    /// The joint embedding of both shapes in their first functions, one row a vertex.
+    fn joint_rows(
+        &self,
+        (n_source, n_target): (usize, usize),
+    ) -> Result<(Mat<f64>, Mat<f64>), FmapError> {
+        let there = self.pulled.0.submatrix(0, 0, n_target, n_source);
+        let back = self.pulled.1.submatrix(0, 0, n_source, n_target);
+        let c = nearest_orthogonal(&(there + back.transpose()))?;
+        let phi_s = functions(self.source.basis, n_source);
+        let phi_t = functions(self.target.basis, n_target);
+        Ok(joint_embedding(phi_s, phi_t, &c))
     }
 
     fn step(&self, before: Option<&PointMap>) -> Result<RefinementStep, FmapError> {
@@ -264,12 +270,77 @@ impl<'a> Spectral<'a> {
     }
 }
 
-/// Moves C half of the way that makes the round trip the identity.
-fn half_undone(c: &Mat<f64>, round_trip: &Mat<f64>) -> Result<Mat<f64>, FmapError> {
-    let rotation = nearest_orthogonal(round_trip)?;
-    let mut mean = product(c.as_ref(), rotation.transpose());
-    add_scaled(&mut mean, 1.0, c);
-    nearest_orthogonal(&mean)
+/// Rows whose squared distances are half of |Φ_t C - Φ_s|² + |Φ_t - Φ_s Cᵀ|².
+fn joint_embedding(
+    phi_s: MatRef<'_, f64>,
+    phi_t: MatRef<'_, f64>,
+    c: &Mat<f64>,
+) -> (Mat<f64>, Mat<f64>) {
+    if c.ncols() <= c.nrows() {
+        let carried = product(phi_t, c.as_ref());
+        let outside = norms_outside(phi_t, carried.as_ref());
+        (
+            with_column(phi_s, None),
+            with_column(carried.as_ref(), Some(&outside)),
+        )
+    } else {
+        let carried = product(phi_s, c.transpose());
+        let outside = norms_outside(phi_s, carried.as_ref());
+        (
+            with_column(carried.as_ref(), Some(&outside)),
+            with_column(phi_t, None),
+        )
+    }
+}
+
+/// √(½ (|row|² - |projected row|²)) of every row.
+fn norms_outside(rows: MatRef<'_, f64>, projected: MatRef<'_, f64>) -> Vec<f64> {
+    let squared_norms = |m: MatRef<'_, f64>| {
+        let mut sums = vec![0.0; m.nrows()];
+        for j in 0..m.ncols() {
+            for (i, sum) in sums.iter_mut().enumerate() {
+                *sum += m[(i, j)] * m[(i, j)];
+            }
+        }
+        sums
+    };
+    let pairs = squared_norms(rows)
+        .into_iter()
+        .zip(squared_norms(projected));
+    pairs
+        .map(|(all, kept)| {
+            if all > kept {
+                (0.5 * (all - kept)).sqrt()
+            } else {
+                0.0
+            }
+        })
+        .collect()
+}
+
+fn with_column(rows: MatRef<'_, f64>, column: Option<&[f64]>) -> Mat<f64> {
+    let k = rows.ncols();
+    Mat::from_fn(rows.nrows(), k + 1, |i, j| {
+        if j < k {
+            rows[(i, j)]
+        } else {
+            column.map_or(0.0, |c| c[i])
+        }
+    })
+}
+
+/// The nearest rows in both directions.
+fn nearest_pair(source_rows: &Mat<f64>, target_rows: &Mat<f64>) -> PointMapPair {
+    PointMapPair {
+        target_to_source: PointMap {
+            source_of_target: nearest_rows(target_rows.as_ref(), source_rows.as_ref()),
+            n_source_vertices: source_rows.nrows(),
+        },
+        source_to_target: PointMap {
+            source_of_target: nearest_rows(source_rows.as_ref(), target_rows.as_ref()),
+            n_source_vertices: target_rows.nrows(),
+        },
+    }
 }
 
 fn check(
@@ -304,6 +375,13 @@ fn check(
                 requirement,
             });
         }
+    }
+    if !(options.icp_start_share > 0.0 && options.icp_start_share <= 1.0) {
+        return Err(FmapError::InvalidOption {
+            option: "icp_start_share",
+            value: options.icp_start_share,
+            requirement: "it must lie in (0, 1]",
+        });
     }
     if options.max_preimages == 0 {
         return Err(FmapError::InvalidOption {

@@ -149,26 +149,6 @@ pub fn spectral_icp(
     })
 }
 
-/// Rounds of spectral ICP from a point map; ends early when nothing changes.
-pub(crate) fn icp_rounds(
-    source: &LaplaceBasis,
-    target: &LaplaceBasis,
-    point_map: &PointMap,
-    (size, n_rounds): ((usize, usize), usize),
-) -> Result<PointMap, FmapError> {
-    let mut point_map = point_map.clone();
-    for _ in 0..n_rounds {
-        let pulled = pulled_back(source, target, &point_map, size);
-        let matrix = nearest_orthogonal(&pulled.matrix)?;
-        let next = nearest_point_map(source, target, &FunctionalMap { matrix });
-        if next == point_map {
-            break;
-        }
-        point_map = next;
-    }
-    Ok(point_map)
-}
-
 fn step_report(map: &FunctionalMap, now: &PointMap, before: Option<&PointMap>) -> SpectralStep {
     let changed = before.map_or(1.0, |before| {
         let pairs = now.source_of_target.iter().zip(&before.source_of_target);

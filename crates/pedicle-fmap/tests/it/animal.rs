@@ -82,7 +82,11 @@ impl Pose {
         // The spine follows an arc; outside of it the parts move rigidly.
         let curvature = self.spine_rad / 60.0;
         if curvature.abs() > 0.0 {
-            let x = if p.x.abs() < 30.0 { p.x } else { 30.0 * p.x.signum() };
+            let x = if p.x.abs() < 30.0 {
+                p.x
+            } else {
+                30.0 * p.x.signum()
+            };
             let angle = curvature * x;
             let (sin, cos) = angle.sin_cos();
             let center = Vector3::new(sin / curvature, (1.0 - cos) / curvature, 0.0);
@@ -186,8 +190,13 @@ fn distance(p: &Point3<f64>) -> f64 {
 
 fn gradient(p: &Point3<f64>) -> Vector3<f64> {
     const STEP_MM: f64 = 1e-4;
-    let slope = |axis: Vector3<f64>| distance(&(p + axis * STEP_MM)) - distance(&(p - axis * STEP_MM));
-    let g = Vector3::new(slope(Vector3::x()), slope(Vector3::y()), slope(Vector3::z()));
+    let slope =
+        |axis: Vector3<f64>| distance(&(p + axis * STEP_MM)) - distance(&(p - axis * STEP_MM));
+    let g = Vector3::new(
+        slope(Vector3::x()),
+        slope(Vector3::y()),
+        slope(Vector3::z()),
+    );
     g / (2.0 * STEP_MM)
 }
 

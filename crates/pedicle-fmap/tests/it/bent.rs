@@ -108,8 +108,14 @@ impl Bent {
         let free = |shape: &Shape<'_>| shape.descriptors.subcols(0, n_free).to_owned();
         let (a, b) = (free(&source), free(&target));
         let without = fit(
-            &Shape { descriptors: &a, ..source },
-            &Shape { descriptors: &b, ..target },
+            &Shape {
+                descriptors: &a,
+                ..source
+            },
+            &Shape {
+                descriptors: &b,
+                ..target
+            },
             &options,
         );
         let with = fit(&source, &target, &options);
@@ -145,5 +151,8 @@ fn described(
         }
         normalize_columns(concatenate_columns(&parts), &basis.mass)
     };
-    (describe(&bases.0, landmarks.0), describe(&bases.1, landmarks.1))
+    (
+        describe(&bases.0, landmarks.0),
+        describe(&bases.1, landmarks.1),
+    )
 }
