@@ -17,8 +17,9 @@ use std::time::Instant;
 
 use bent::Bent;
 use pedicle_fmap::{
-    BcicpOptions, MapQuality, PointMapPair, ZoomOutOptions, bcicp, map_quality,
-    mean_error_over_sqrt_area, point_map_pair_from_functional, spectral_icp, zoomout,
+    BcicpOptions, BijectiveZoomOutOptions, MapQuality, PointMapPair, QualityAt,
+    SubsampledZoomOutOptions, ZoomOutOptions, bcicp, map_quality, mean_error_over_sqrt_area,
+    point_map_pair_from_functional, spectral_icp, zoomout, zoomout_bijective, zoomout_subsampled,
 };
 
 fn main() {
@@ -41,13 +42,13 @@ fn compare(pair: &Bent) {
         t.n_vertices()
     );
     println!(
-        "                     coverage   back    bijectivity  stretch  torn    error    seconds"
+        "                        coverage   back    bijectivity  stretch  torn    error    seconds"
     );
     let print = |name: &str, maps: &PointMapPair, seconds: f64| {
         let quality: MapQuality = map_quality(source.mesh, target.mesh, maps).unwrap();
         let error = |map| mean_error_over_sqrt_area(source.mesh, target.mesh, map, &pair.truth);
         println!(
-            "{name:20} {:8.3} {:8.3} {:10.5} {:8.3} {:8.4} {:9.4} {seconds:8.2}",
+            "{name:23} {:8.3} {:8.3} {:10.5} {:8.3} {:8.4} {:9.4} {seconds:8.2}",
             quality.source_coverage,
             quality.target_coverage,
             quality.bijectivity_error,
@@ -69,6 +70,19 @@ fn compare(pair: &Bent) {
         let zoomed = zoomout(s, t, &first, &ZoomOutOptions::default()).unwrap();
         let seconds = start.elapsed().as_secs_f64();
         print("  ZoomOut", &maps(&zoomed.map), seconds);
+        let start = Instant::now();
+        let options = SubsampledZoomOutOptions {
+            quality: QualityAt::Never,
+            ..Default::default()
+        };
+        let sampled = zoomout_subsampled(&source, &target, &first, &options).unwrap();
+        let seconds = start.elapsed().as_secs_f64();
+        print("  ZoomOut, 1000 samples", &maps(&sampled.map), seconds);
+        let start = Instant::now();
+        let options = BijectiveZoomOutOptions::default();
+        let both = zoomout_bijective(&source, &target, &first, &options).unwrap();
+        let seconds = start.elapsed().as_secs_f64();
+        print("  bijective ZoomOut", &both.point_maps, seconds);
         let options = BcicpOptions::default();
         for (name, start_map) in [("  BCICP", &first), ("  ZoomOut, BCICP", &zoomed.map)] {
             let start = Instant::now();

@@ -151,7 +151,7 @@ pub(crate) struct Components {
 }
 
 /// A distance in total order; it is never NaN.
-struct Ordered(f64);
+pub(crate) struct Ordered(pub(crate) f64);
 
 impl PartialEq for Ordered {
     fn eq(&self, other: &Self) -> bool {

@@ -8,13 +8,7 @@
 //!
 //! One C serves both directions: where it is square its inverse is Cᵀ, so the maps are inverse to
 //! each other in the spectrum (Ren et al. project the round trip C_ts C_st towards the orthogonal
-//! group instead, which gives two). With orthonormal columns the two halves of the squared distance
-//! differ by what C leaves out of Φ_t alone; k_source + 1 columns therefore measure the same as
-//! k_source + k_target:
-//!
-//! ```text
-//! |Φ_t C - Φ_s|² + |Φ_t - Φ_s Cᵀ|² = 2 |Φ_t C - Φ_s|² + |Φ_t|² - |Φ_t C|²      (k_source ≤ k_target)
-//! ```
+//! group instead, which gives two).
 //!
 //! The first rounds have no spatial pass and grow from few functions to all, as ZoomOut does: from
 //! a rough map that halves the error of rounds with all functions. The spatial pass looks at
@@ -23,15 +17,15 @@
 //!
 //! Ren, Poulenard, Wonka & Ovsjanikov 2018, section 5.
 
-use faer::{Mat, MatRef};
+use faer::Mat;
 
 use crate::{
     FmapError, FunctionalMap, PointMap, PointMapPair, RefinementStep, Shape, Side,
     convert::{check_basis, functions, point_map_pair_from_functional, pulled_back},
-    linear::{nearest_orthogonal, product},
+    joint::{joint_embedding, nearest_pair},
+    linear::nearest_orthogonal,
     map::check_size,
     map_quality,
-    nearest::nearest_rows,
     progress::{Reporter, changed_share, map_energy},
     spatial::{Surface, couple, improve},
 };
@@ -267,79 +261,6 @@ impl<'a> Spectral<'a> {
             energy: map_energy(self.source.basis, self.target.basis, map, pulled),
             quality: Some(quality),
         })
-    }
-}
-
-/// Rows whose squared distances are half of |Φ_t C - Φ_s|² + |Φ_t - Φ_s Cᵀ|².
-fn joint_embedding(
-    phi_s: MatRef<'_, f64>,
-    phi_t: MatRef<'_, f64>,
-    c: &Mat<f64>,
-) -> (Mat<f64>, Mat<f64>) {
-    if c.ncols() <= c.nrows() {
-        let carried = product(phi_t, c.as_ref());
-        let outside = norms_outside(phi_t, carried.as_ref());
-        (
-            with_column(phi_s, None),
-            with_column(carried.as_ref(), Some(&outside)),
-        )
-    } else {
-        let carried = product(phi_s, c.transpose());
-        let outside = norms_outside(phi_s, carried.as_ref());
-        (
-            with_column(carried.as_ref(), Some(&outside)),
-            with_column(phi_t, None),
-        )
-    }
-}
-
-/// √(½ (|row|² - |projected row|²)) of every row.
-fn norms_outside(rows: MatRef<'_, f64>, projected: MatRef<'_, f64>) -> Vec<f64> {
-    let squared_norms = |m: MatRef<'_, f64>| {
-        let mut sums = vec![0.0; m.nrows()];
-        for j in 0..m.ncols() {
-            for (i, sum) in sums.iter_mut().enumerate() {
-                *sum += m[(i, j)] * m[(i, j)];
-            }
-        }
-        sums
-    };
-    let pairs = squared_norms(rows)
-        .into_iter()
-        .zip(squared_norms(projected));
-    pairs
-        .map(|(all, kept)| {
-            if all > kept {
-                (0.5 * (all - kept)).sqrt()
-            } else {
-                0.0
-            }
-        })
-        .collect()
-}
-
-fn with_column(rows: MatRef<'_, f64>, column: Option<&[f64]>) -> Mat<f64> {
-    let k = rows.ncols();
-    Mat::from_fn(rows.nrows(), k + 1, |i, j| {
-        if j < k {
-            rows[(i, j)]
-        } else {
-            column.map_or(0.0, |c| c[i])
-        }
-    })
-}
-
-/// The nearest rows in both directions.
-fn nearest_pair(source_rows: &Mat<f64>, target_rows: &Mat<f64>) -> PointMapPair {
-    PointMapPair {
-        target_to_source: PointMap {
-            source_of_target: nearest_rows(target_rows.as_ref(), source_rows.as_ref()),
-            n_source_vertices: source_rows.nrows(),
-        },
-        source_to_target: PointMap {
-            source_of_target: nearest_rows(source_rows.as_ref(), target_rows.as_ref()),
-            n_source_vertices: target_rows.nrows(),
-        },
     }
 }
 

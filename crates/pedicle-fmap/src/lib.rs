@@ -12,6 +12,8 @@
 //! | `fit` | [`fit`]: the map of least energy |
 //! | `convert` | [`point_map_from_functional`], [`functional_from_point_map`] |
 //! | `zoomout` | [`zoomout`], [`spectral_icp`] |
+//! | `zoomout_bijective` | [`zoomout_bijective`]: both directions, each C of both point maps |
+//! | `zoomout_subsampled`, `sampling` | [`zoomout_subsampled`] on [`farthest_point_samples`] |
 //! | `bcicp`, `spatial` | [`bcicp`]: both directions at once |
 //! | `progress` | [`RefinementStep`]: the report and the callback of every refinement |
 //! | `quality` | [`coverage`], [`bijectivity_error`], [`continuity`], [`mean_error_mm`] |
@@ -77,6 +79,8 @@ mod convert;
 mod energy;
 mod error;
 mod fit;
+mod growth;
+mod joint;
 mod linear;
 mod map;
 mod mask;
@@ -84,8 +88,11 @@ mod nearest;
 mod operators;
 mod progress;
 mod quality;
+mod sampling;
 mod spatial;
 mod zoomout;
+mod zoomout_bijective;
+mod zoomout_subsampled;
 
 pub use bcicp::{
     Bcicp, BcicpOptions, bcicp, bcicp_from_point_maps, bcicp_from_point_maps_with_progress,
@@ -104,4 +111,12 @@ pub use quality::{
     Continuity, bijectivity_error, continuity, coverage, mean_error_mm, mean_error_over_sqrt_area,
     vertex_coverage,
 };
+pub use sampling::{SampleDistance, Samples, farthest_point_samples};
 pub use zoomout::{Refined, SpectralStep, ZoomOutOptions, spectral_icp, zoomout};
+pub use zoomout_bijective::{
+    BijectiveZoomOutOptions, RefinedPair, zoomout_bijective, zoomout_bijective_with_progress,
+};
+pub use zoomout_subsampled::{
+    SubsampledZoomOut, SubsampledZoomOutOptions, zoomout_subsampled,
+    zoomout_subsampled_with_progress,
+};

@@ -2,8 +2,8 @@
 //!
 //! ```text
 //! P = Φ_targetᵀ M_target Π Φ_source                       the functional map of the point map
-//! energy = min_C ‖Π Φ_source - Φ_target C‖²_M / k_source
-//!        = (‖Π Φ_source‖²_M - ‖P‖²) / k_source            0 to about 1, without unit
+//! energy = min_C ‖Π Φ_source - Φ_target C‖²_M / ‖Π Φ_source‖²_M
+//!        = 1 - ‖P‖² / ‖Π Φ_source‖²_M                     0 to 1, without unit
 //! ```
 //!
 //! The energy is the share of the carried eigenfunctions that the functions of the target cannot
@@ -57,11 +57,23 @@ pub struct MapQuality {
 /// At which steps a refinement measures [`MapQuality`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum QualityAt {
+    /// At no step.
+    Never,
     /// At the last step alone: costs next to nothing.
     #[default]
     LastStep,
     /// At every step: costs a map back and a pass over the edges each.
     EveryStep,
+}
+
+impl QualityAt {
+    pub(crate) fn wanted(self, at_last_step: bool) -> bool {
+        match self {
+            Self::Never => false,
+            Self::LastStep => at_last_step,
+            Self::EveryStep => true,
+        }
+    }
 }
 
 /// Measures two point maps in opposite directions.
@@ -127,10 +139,13 @@ pub(crate) fn map_energy(
         let column = &pulled.col_as_slice(j)[..n_target];
         kept += column.iter().map(|c| c * c).sum::<f64>();
     }
-    // Rounding alone takes the difference below zero.
-    let lost = carried - kept;
-    if lost > 0.0 {
-        lost / n_source as f64
+    lost_share(carried, carried - kept)
+}
+
+/// `lost` over `carried`, without what rounding does to differences near zero.
+pub(crate) fn lost_share(carried: f64, lost: f64) -> f64 {
+    if lost > 0.0 && carried > 0.0 {
+        lost / carried
     } else {
         0.0
     }
