@@ -15,6 +15,7 @@ mod bent;
 
 use std::time::Instant;
 
+use animal::{Animal, Pose};
 use bent::Bent;
 use pedicle_fmap::{
     BcicpOptions, BijectiveZoomOutOptions, MapQuality, PointMapPair, QualityAt,
@@ -24,20 +25,20 @@ use pedicle_fmap::{
 
 fn main() {
     let n_vertices = std::env::args().nth(1).map_or(5000, |n| n.parse().unwrap());
-    for pair in [
-        Bent::nets(n_vertices, 120),
-        Bent::simplified(n_vertices, 120),
-    ] {
-        compare(&pair);
-    }
+    let source = || Animal::net(n_vertices, 0.4, &Pose::default());
+    let (n_target, stride) = (n_vertices * 9 / 10, Pose::stride());
+    let net = Animal::net(n_target, 1.0, &stride);
+    compare("net to net", &Bent::new(source(), net, 120));
+    let simplified = Animal::simplified(n_target, 1.0, &stride);
+    compare("net to simplified", &Bent::new(source(), simplified, 120));
 }
 
-fn compare(pair: &Bent) {
+fn compare(name: &str, pair: &Bent) {
     let (source, target) = (pair.source.shape(), pair.target.shape());
     let (s, t) = (source.basis, target.basis);
     println!(
         "\n{}: {} and {} vertices",
-        pair.name,
+        name,
         s.n_vertices(),
         t.n_vertices()
     );

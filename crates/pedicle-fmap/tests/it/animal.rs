@@ -9,7 +9,7 @@ use fast_surface_nets::{
     ndshape::{RuntimeShape, Shape as _},
     surface_nets,
 };
-use nalgebra::{Isometry3, Point3, Rotation3, Vector3};
+use nalgebra::{Isometry3, Point3, Rotation3, Translation3, Vector3};
 use pedicle_fmap::PointMap;
 use pedicle_mesh::{SimplifyOptions, Spacing, SurfaceIndex, TriMesh, is_closed_manifold, simplify};
 
@@ -33,7 +33,7 @@ const BODY: [Capsule; 11] = [
 /// Width over which two capsules blend, mm.
 const BLEND_MM: f64 = 5.0;
 /// Grids tried before giving up.
-const MAX_GRIDS: usize = 12;
+const MAX_GRIDS: u32 = 40;
 
 /// How a pose bends the animal; all zero is the pose at rest.
 #[derive(Clone, Copy, Default)]
@@ -206,9 +206,11 @@ fn placed_net(cell_mm: f64, turn: f64) -> TriMesh {
         Vector3::new(0.31, 0.17, 0.23) * turn,
         Vector3::new(0.3, -0.5, 0.8) * turn,
     );
+    let shift = Vector3::new(0.21, 0.37, 0.11) * cell_mm;
     let mut cell_mm = cell_mm;
-    for _ in 0..MAX_GRIDS {
-        let mesh = net_on(&grid, cell_mm);
+    for attempt in 0..MAX_GRIDS {
+        let shifted = grid * Translation3::from(shift * f64::from(attempt));
+        let mesh = net_on(&shifted, cell_mm);
         if is_closed_manifold(&mesh) {
             return moved(&mesh, |p| {
                 let mut p = *p;
@@ -219,7 +221,7 @@ fn placed_net(cell_mm: f64, turn: f64) -> TriMesh {
                 p
             });
         }
-        cell_mm *= 0.99;
+        cell_mm *= 0.995;
     }
     panic!("no grid near {cell_mm} mm gives a manifold");
 }

@@ -10,7 +10,7 @@ use pedicle_laplacian::{OperatorOptions, cotangent_operators};
 use pedicle_mesh::TriMesh;
 use pedicle_spectral::{EigenOptions, LaplaceBasis, laplace_basis};
 
-use crate::animal::{Animal, Pose};
+use crate::animal::Animal;
 
 /// Places a user would point at: both front feet, a hind foot, the nose.
 const LANDMARKS: [[f64; 3]; 4] = [
@@ -39,7 +39,6 @@ impl Described {
 
 /// Two poses with the true maps between them.
 pub(crate) struct Bent {
-    pub(crate) name: &'static str,
     pub(crate) source: Described,
     pub(crate) target: Described,
     /// The nearest source vertex to where every target vertex truly belongs.
@@ -48,21 +47,8 @@ pub(crate) struct Bent {
 }
 
 impl Bent {
-    /// Both animals from nets, on grids of different orientation and cell.
-    pub(crate) fn nets(n_vertices: usize, n_functions: usize) -> Self {
-        let source = Animal::net(n_vertices, 0.4, &Pose::default());
-        let target = Animal::net(n_vertices * 9 / 10, 1.0, &Pose::stride());
-        Self::new("net to net", (source, target), n_functions)
-    }
-
-    /// A net, and what simplification leaves of a finer one.
-    pub(crate) fn simplified(n_vertices: usize, n_functions: usize) -> Self {
-        let source = Animal::net(n_vertices, 0.4, &Pose::default());
-        let target = Animal::simplified(n_vertices * 9 / 10, 1.0, &Pose::stride());
-        Self::new("net to simplified", (source, target), n_functions)
-    }
-
-    fn new(name: &'static str, (source, target): (Animal, Animal), n_functions: usize) -> Self {
+    /// A pair of poses with `n_functions` functions each.
+    pub(crate) fn new(source: Animal, target: Animal, n_functions: usize) -> Self {
         let truth = target.truth_onto(&source);
         let way_back = source.truth_onto(&target);
         let bases = (
@@ -73,7 +59,6 @@ impl Bent {
         let landmarks = (at(&source), at(&target));
         let (a, b) = described(&bases, (&landmarks.0, &landmarks.1));
         Self {
-            name,
             source: Described {
                 mesh: source.mesh,
                 basis: bases.0,
