@@ -9,6 +9,8 @@ pub(crate) struct Adjacency {
     first: Vec<u32>,
     neighbours: Vec<u32>,
     lengths: Vec<f64>,
+    /// Mean length of the edges.
+    pub(crate) mean_edge: f64,
     /// Length of the longest edge.
     pub(crate) longest_edge: f64,
 }
@@ -42,6 +44,7 @@ impl Adjacency {
         Self {
             first,
             neighbours: pairs.into_iter().map(|(_, b)| b).collect(),
+            mean_edge: lengths.iter().sum::<f64>() / lengths.len().max(1) as f64,
             longest_edge: lengths.iter().copied().fold(0.0, f64::max),
             lengths,
         }
@@ -51,17 +54,16 @@ impl Adjacency {
         self.first.len() - 1
     }
 
-    /// Mean length of the edges.
-    pub(crate) fn mean_edge(&self) -> f64 {
-        if self.lengths.is_empty() {
-            return 0.0;
-        }
-        self.lengths.iter().sum::<f64>() / self.lengths.len() as f64
-    }
-
     /// The vertices that share an edge with `vertex`, ascending.
     pub(crate) fn neighbours(&self, vertex: usize) -> &[u32] {
         &self.neighbours[self.range(vertex)]
+    }
+
+    /// The vertices that share an edge with `vertex`, ascending, and the lengths of those edges.
+    pub(crate) fn edges_of(&self, vertex: usize) -> impl Iterator<Item = (usize, f64)> {
+        let range = self.range(vertex);
+        let neighbours = self.neighbours[range.clone()].iter().map(|&v| v as usize);
+        neighbours.zip(self.lengths[range].iter().copied())
     }
 
     /// Calls `visit(a, b, length)` once an edge, a < b, in ascending order.
@@ -79,9 +81,9 @@ impl Adjacency {
         }
     }
 
-    /// Connected components under the edges that `keep(a, b)` keeps: a number for every vertex,
+    /// Connected components under the edges that `keep(a, b, length)` keeps: a number for every vertex,
     /// in the order of their first vertices, and the size of every component.
-    pub(crate) fn components(&self, keep: impl Fn(usize, usize) -> bool) -> Components {
+    pub(crate) fn components(&self, keep: impl Fn(usize, usize, f64) -> bool) -> Components {
         let n = self.n_vertices();
         let mut of_vertex = vec![u32::MAX; n];
         let mut sizes = Vec::new();
@@ -96,9 +98,8 @@ impl Adjacency {
             let mut size = 0;
             while let Some(a) = stack.pop() {
                 size += 1;
-                for &b in self.neighbours(a) {
-                    let b = b as usize;
-                    if of_vertex[b] == u32::MAX && keep(a, b) {
+                for (b, length) in self.edges_of(a) {
+                    if of_vertex[b] == u32::MAX && keep(a, b, length) {
                         of_vertex[b] = component;
                         stack.push(b);
                     }
@@ -150,7 +151,7 @@ pub(crate) struct Components {
 }
 
 /// A distance in total order; it is never NaN.
-struct Ordered(f64);
+pub(crate) struct Ordered(pub(crate) f64);
 
 impl PartialEq for Ordered {
     fn eq(&self, other: &Self) -> bool {

@@ -1,31 +1,37 @@
 //! BCICP: refinement of maps in both directions at once, bijective, continuous and covering.
 //!
 //! ```text
-//! C_st, C_ts   of the point maps, projected to the nearest orthogonal matrices
-//! Q = U Vᵀ of C_ts C_st,   C_st ← U Vᵀ of (C_st + C_st Qᵀ)        and the same for C_ts
-//! rows         E_s = [Φ_s, Φ_s C_ts],   E_t = [Φ_t C_st, Φ_t]
-//! T_st, T_ts   nearest rows of E_s to E_t and of E_t to E_s, then the spatial pass on each
+//! P_st, P_ts   pulled back from the point maps T_st (target to source) and T_ts
+//! C = U Vᵀ of P_st + P_tsᵀ      the orthonormal C of least ‖Φ_t C - Π_st Φ_s‖² + ‖Φ_s Cᵀ - Π_ts Φ_t‖²
+//! T_st, T_ts   nearest rows of [Φ_t C, Φ_t] and [Φ_s, Φ_s Cᵀ], the spatial pass, then coupling
 //! ```
 //!
-//! C_ts C_st is what a round trip does to functions on the source: the identity, if the maps are
-//! inverse to each other. Its orthogonal part Q is undone by half a step in either direction, after
-//! which the two maps agree. The spatial pass looks at neighbourhoods on the mesh only, so memory
-//! grows linearly with the number of vertices.
+//! One C serves both directions: where it is square its inverse is Cᵀ, so the maps are inverse to
+//! each other in the spectrum (Ren et al. project the round trip C_ts C_st towards the orthogonal
+//! group instead, which gives two).
+//!
+//! The first rounds have no spatial pass and grow from few functions to all, as ZoomOut does: from
+//! a rough map that halves the error of rounds with all functions. The spatial pass looks at
+//! neighbourhoods on the mesh only, so memory grows linearly with the number of vertices. At the
+//! end of an iteration vertices are paired one to one as far as their neighbourhoods allow.
 //!
 //! Ren, Poulenard, Wonka & Ovsjanikov 2018, section 5.
 
 use faer::Mat;
 
 use crate::{
-    FmapError, FunctionalMap, PointMap, PointMapPair, Shape, Side,
+    FmapError, FunctionalMap, PointMap, PointMapPair, RefinementStep, Shape, Side,
     convert::{check_basis, functions, point_map_pair_from_functional, pulled_back},
-    linear::{add_scaled, nearest_orthogonal, product},
+    joint::{joint_embedding, nearest_pair},
+    linear::nearest_orthogonal,
     map::check_size,
-    nearest::nearest_rows,
-    quality::{bijectivity_error, continuity, vertex_coverage},
-    spatial::{Surface, improve},
-    zoomout::icp_rounds,
+    map_quality,
+    progress::{Reporter, changed_share, map_energy},
+    spatial::{Surface, couple, improve},
 };
+
+/// The first rounds use at least this many functions, or all there are.
+const FEWEST_FUNCTIONS: usize = 20;
 
 /// How BCICP refines.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -34,9 +40,12 @@ pub struct BcicpOptions {
     pub n_source: Option<usize>,
     /// Number of functions of the target; all of its basis if `None`, which is the default.
     pub n_target: Option<usize>,
-    /// Rounds of spectral ICP in each direction before the first iteration, 5.
+    /// Rounds of spectral ICP in both directions before the first iteration, 5.
     pub n_icp_rounds: usize,
-    /// Iterations, 5.
+    /// Share of the functions in the first of these rounds, 0.3, but not below 20 functions; the
+    /// last of several rounds has all, a single round too. In (0, 1].
+    pub icp_start_share: f64,
+    /// Iterations with the spatial pass, 3.
     pub n_iterations: usize,
     /// Preimages a vertex may have before some are spread, 4; times the ratio of the numbers of
     /// vertices if there are more to be mapped than to be hit.
@@ -54,27 +63,13 @@ impl Default for BcicpOptions {
             n_source: None,
             n_target: None,
             n_icp_rounds: 5,
-            n_iterations: 5,
+            icp_start_share: 0.3,
+            n_iterations: 3,
             max_preimages: 4,
             smooth_above_coverage: 0.6,
             outlier_share: 0.08,
         }
     }
-}
-
-/// The state of both maps at one point of the refinement.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct BcicpStep {
-    /// Share of the source vertices that the target's vertices are mapped to.
-    pub source_coverage: f64,
-    /// Share of the target vertices that the source's vertices are mapped to.
-    pub target_coverage: f64,
-    /// Mean distance of source vertices from their round trip, over √area.
-    pub bijectivity_error: f64,
-    /// Mean stretch of the edges of the target.
-    pub target_stretch: f64,
-    /// Share of the edges of the target that are torn.
-    pub target_torn_share: f64,
 }
 
 /// Maps refined in both directions.
@@ -85,7 +80,7 @@ pub struct Bcicp {
     /// One target vertex for every source vertex (source and target exchanged in the type).
     pub source_to_target: PointMap,
     /// The maps given, the maps after spectral ICP, then one entry an iteration.
-    pub report: Vec<BcicpStep>,
+    pub report: Vec<RefinementStep>,
 }
 
 /// Refines a functional map; the way back starts from its adjoint.
@@ -99,8 +94,22 @@ pub fn bcicp(
     initial: &FunctionalMap,
     options: &BcicpOptions,
 ) -> Result<Bcicp, FmapError> {
+    bcicp_with_progress(source, target, initial, options, &mut |_| ())
+}
+
+/// [`bcicp`] that calls back at every step.
+///
+/// # Errors
+/// As [`bcicp`].
+pub fn bcicp_with_progress(
+    source: &Shape<'_>,
+    target: &Shape<'_>,
+    initial: &FunctionalMap,
+    options: &BcicpOptions,
+    progress: &mut dyn FnMut(&RefinementStep),
+) -> Result<Bcicp, FmapError> {
     let maps = point_map_pair_from_functional(source.basis, target.basis, initial)?;
-    bcicp_from_point_maps(source, target, &maps, options)
+    bcicp_from_point_maps_with_progress(source, target, &maps, options, progress)
 }
 
 /// Refines point maps in both directions.
@@ -114,47 +123,53 @@ pub fn bcicp_from_point_maps(
     initial: &PointMapPair,
     options: &BcicpOptions,
 ) -> Result<Bcicp, FmapError> {
+    bcicp_from_point_maps_with_progress(source, target, initial, options, &mut |_| ())
+}
+
+/// [`bcicp_from_point_maps`] that calls back at every step.
+///
+/// # Errors
+/// As [`bcicp_from_point_maps`].
+pub fn bcicp_from_point_maps_with_progress(
+    source: &Shape<'_>,
+    target: &Shape<'_>,
+    initial: &PointMapPair,
+    options: &BcicpOptions,
+    progress: &mut dyn FnMut(&RefinementStep),
+) -> Result<Bcicp, FmapError> {
     let n_source = options.n_source.unwrap_or(source.basis.n_functions());
     let n_target = options.n_target.unwrap_or(target.basis.n_functions());
     check(source, target, initial, options)?;
     check_basis(source.basis, Side::Source, n_source)?;
     check_basis(target.basis, Side::Target, n_target)?;
 
-    let mut spectral = Spectral {
-        source,
-        target,
-        n_source,
-        n_target,
-        maps: initial.clone(),
-    };
-    let mut report = vec![spectral.step()?];
-    spectral.run_icp(options.n_icp_rounds)?;
-    report.push(spectral.step()?);
+    let mut reporter = Reporter::new(progress);
+    let mut spectral = Spectral::new((source, target), (n_source, n_target), initial.clone());
+    reporter.push(spectral.step(None)?);
+    let before = spectral.maps.clone();
+    spectral.run_icp(options.n_icp_rounds, options.icp_start_share)?;
+    reporter.push(spectral.step(Some(&before.target_to_source))?);
 
     let mut surfaces = (Surface::new(source.mesh), Surface::new(target.mesh));
     for _ in 0..options.n_iterations {
         let before = spectral.maps.clone();
-        let (source_rows, target_rows) = spectral.joint_rows()?;
-        spectral.maps = PointMapPair {
-            target_to_source: PointMap {
-                source_of_target: nearest_rows(target_rows.as_ref(), source_rows.as_ref()),
-                n_source_vertices: source.mesh.n_vertices(),
-            },
-            source_to_target: PointMap {
-                source_of_target: nearest_rows(source_rows.as_ref(), target_rows.as_ref()),
-                n_source_vertices: target.mesh.n_vertices(),
-            },
-        };
+        let (source_rows, target_rows) = spectral.joint_rows((n_source, n_target))?;
+        let PointMapPair {
+            mut target_to_source,
+            mut source_to_target,
+        } = nearest_pair(&source_rows, &target_rows);
         surfaces.0.set_rows(&source_rows);
         surfaces.1.set_rows(&target_rows);
-        let PointMapPair {
+        let (s, t) = (&surfaces.0, &surfaces.1);
+        improve(s, t, (&mut target_to_source, &source_to_target), options);
+        improve(t, s, (&mut source_to_target, &target_to_source), options);
+        couple(t, s, (&mut source_to_target, &target_to_source));
+        couple(s, t, (&mut target_to_source, &source_to_target));
+        spectral.set_maps(PointMapPair {
             target_to_source,
             source_to_target,
-        } = &mut spectral.maps;
-        let (s, t) = (&surfaces.0, &surfaces.1);
-        improve(s, t, (target_to_source, source_to_target), options);
-        improve(t, s, (source_to_target, target_to_source), options);
-        report.push(spectral.step()?);
+        });
+        reporter.push(spectral.step(Some(&before.target_to_source))?);
         if spectral.maps == before {
             break;
         }
@@ -162,7 +177,7 @@ pub fn bcicp_from_point_maps(
     Ok(Bcicp {
         target_to_source: spectral.maps.target_to_source,
         source_to_target: spectral.maps.source_to_target,
-        report,
+        report: reporter.report,
     })
 }
 
@@ -173,68 +188,80 @@ struct Spectral<'a> {
     n_source: usize,
     n_target: usize,
     maps: PointMapPair,
+    /// C_st and C_ts of the point maps.
+    pulled: (Mat<f64>, Mat<f64>),
 }
 
-impl Spectral<'_> {
-    fn run_icp(&mut self, n_rounds: usize) -> Result<(), FmapError> {
+impl<'a> Spectral<'a> {
+    fn new(
+        (source, target): (&'a Shape<'a>, &'a Shape<'a>),
+        (n_source, n_target): (usize, usize),
+        maps: PointMapPair,
+    ) -> Self {
+        let mut spectral = Self {
+            source,
+            target,
+            n_source,
+            n_target,
+            maps: maps.clone(),
+            pulled: (Mat::new(), Mat::new()),
+        };
+        spectral.set_maps(maps);
+        spectral
+    }
+
+    fn set_maps(&mut self, maps: PointMapPair) {
         let (s, t) = (self.source.basis, self.target.basis);
-        let there = (self.n_target, self.n_source);
-        let back = (self.n_source, self.n_target);
-        let refined = icp_rounds(s, t, &self.maps.target_to_source, (there, n_rounds))?;
-        self.maps.target_to_source = refined;
-        let refined = icp_rounds(t, s, &self.maps.source_to_target, (back, n_rounds))?;
-        self.maps.source_to_target = refined;
+        let (there, back) = (&maps.target_to_source, &maps.source_to_target);
+        self.pulled = rayon::join(
+            || pulled_back(s, t, there, (self.n_target, self.n_source)).matrix,
+            || pulled_back(t, s, back, (self.n_source, self.n_target)).matrix,
+        );
+        self.maps = maps;
+    }
+
+    fn run_icp(&mut self, n_rounds: usize, start_share: f64) -> Result<(), FmapError> {
+        for left in (0..n_rounds).rev() {
+            // Evenly from the first share to all.
+            let behind = left as f64 / (n_rounds - 1).max(1) as f64;
+            let share = 1.0 - (1.0 - start_share) * behind;
+            let count = |all: usize| {
+                let some = (share * all as f64).round() as usize;
+                some.max(FEWEST_FUNCTIONS).min(all)
+            };
+            let (source_rows, target_rows) =
+                self.joint_rows((count(self.n_source), count(self.n_target)))?;
+            self.set_maps(nearest_pair(&source_rows, &target_rows));
+        }
         Ok(())
     }
 
-    /// E_s and E_t, one row a vertex, k_source + k_target columns.
-    fn joint_rows(&self) -> Result<(Mat<f64>, Mat<f64>), FmapError> {
-        let (s, t) = (self.source.basis, self.target.basis);
-        let size = (self.n_target, self.n_source);
-        let there = pulled_back(s, t, &self.maps.target_to_source, size).matrix;
-        let there = nearest_orthogonal(&there)?;
-        let size = (self.n_source, self.n_target);
-        let back = pulled_back(t, s, &self.maps.source_to_target, size).matrix;
-        let back = nearest_orthogonal(&back)?;
-        let (there, back) = (
-            half_undone(&there, &product(back.as_ref(), there.as_ref()))?,
-            half_undone(&back, &product(there.as_ref(), back.as_ref()))?,
-        );
-        let (phi_s, phi_t) = (functions(s, self.n_source), functions(t, self.n_target));
-        let side_by_side = |left: faer::MatRef<'_, f64>, right: faer::MatRef<'_, f64>| {
-            let mut rows = Mat::zeros(left.nrows(), left.ncols() + right.ncols());
-            rows.subcols_mut(0, left.ncols()).copy_from(left);
-            rows.subcols_mut(left.ncols(), right.ncols())
-                .copy_from(right);
-            rows
-        };
-        let source_rows = side_by_side(phi_s, product(phi_s, back.as_ref()).as_ref());
-        let target_rows = side_by_side(product(phi_t, there.as_ref()).as_ref(), phi_t);
-        Ok((source_rows, target_rows))
+    /// The joint embedding of both shapes in their first functions, one row a vertex.
+    fn joint_rows(
+        &self,
+        (n_source, n_target): (usize, usize),
+    ) -> Result<(Mat<f64>, Mat<f64>), FmapError> {
+        let there = self.pulled.0.submatrix(0, 0, n_target, n_source);
+        let back = self.pulled.1.submatrix(0, 0, n_source, n_target);
+        let c = nearest_orthogonal(&(there + back.transpose()))?;
+        let phi_s = functions(self.source.basis, n_source);
+        let phi_t = functions(self.target.basis, n_target);
+        Ok(joint_embedding(phi_s, phi_t, &c))
     }
 
-    fn step(&self) -> Result<BcicpStep, FmapError> {
-        let PointMapPair {
-            target_to_source,
-            source_to_target,
-        } = &self.maps;
-        let continuity = continuity(self.source.mesh, self.target.mesh, target_to_source)?;
-        Ok(BcicpStep {
-            source_coverage: vertex_coverage(target_to_source),
-            target_coverage: vertex_coverage(source_to_target),
-            bijectivity_error: bijectivity_error(self.source.mesh, &self.maps)?,
-            target_stretch: continuity.mean_stretch,
-            target_torn_share: continuity.torn_share,
+    fn step(&self, before: Option<&PointMap>) -> Result<RefinementStep, FmapError> {
+        let map = &self.maps.target_to_source;
+        let quality = map_quality(self.source.mesh, self.target.mesh, &self.maps)?;
+        let pulled = (&self.pulled.0, self.n_target, self.n_source);
+        Ok(RefinementStep {
+            n_source: self.n_source,
+            n_target: self.n_target,
+            coverage: quality.source_coverage,
+            changed: changed_share(before, map),
+            energy: map_energy(self.source.basis, self.target.basis, map, pulled),
+            quality: Some(quality),
         })
     }
-}
-
-/// Moves C half of the way that makes the round trip the identity.
-fn half_undone(c: &Mat<f64>, round_trip: &Mat<f64>) -> Result<Mat<f64>, FmapError> {
-    let rotation = nearest_orthogonal(round_trip)?;
-    let mut mean = product(c.as_ref(), rotation.transpose());
-    add_scaled(&mut mean, 1.0, c);
-    nearest_orthogonal(&mean)
 }
 
 fn check(
@@ -269,6 +296,13 @@ fn check(
                 requirement,
             });
         }
+    }
+    if !(options.icp_start_share > 0.0 && options.icp_start_share <= 1.0) {
+        return Err(FmapError::InvalidOption {
+            option: "icp_start_share",
+            value: options.icp_start_share,
+            requirement: "it must lie in (0, 1]",
+        });
     }
     if options.max_preimages == 0 {
         return Err(FmapError::InvalidOption {

@@ -83,18 +83,6 @@ impl Correspondence {
         }
     }
 
-    /// Starts from a point map between the shapes instead of a functional one.
-    pub(crate) fn start_from(&mut self, point_map: &PointMap) {
-        let vertices = self.order.iter();
-        let images = vertices.map(|&v| point_map.source_of_target[v as usize]);
-        let images = images.map(|image| Some(self.source.position[image as usize]));
-        let images: Vec<Option<u32>> = images.collect();
-        for (known, &image) in self.known.iter_mut().zip(&images) {
-            known.image = image;
-        }
-        self.replace(images);
-    }
-
     /// Nearest rows for a map of any size within the bases; the number of images it changed.
     pub(crate) fn assign(&mut self, map: MatRef<'_, f64>) -> usize {
         self.searched_at = map.nrows();

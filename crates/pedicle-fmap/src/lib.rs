@@ -12,7 +12,10 @@
 //! | `fit` | [`fit`]: the map of least energy |
 //! | `convert` | [`point_map_from_functional`], [`functional_from_point_map`] |
 //! | `zoomout` | [`zoomout`], [`spectral_icp`] |
+//! | `zoomout_bijective` | [`zoomout_bijective`]: both directions, each C of both point maps |
+//! | `zoomout_subsampled`, `sampling` | [`zoomout_subsampled`] on [`farthest_point_samples`] |
 //! | `bcicp`, `spatial` | [`bcicp`]: both directions at once |
+//! | `progress` | [`RefinementStep`]: the report and the callback of every refinement |
 //! | `quality` | [`coverage`], [`bijectivity_error`], [`continuity`], [`mean_error_mm`] |
 //!
 //! The crate does not know what its descriptors describe, nor what the shapes are. A null space of
@@ -78,17 +81,26 @@ mod correspondence;
 mod energy;
 mod error;
 mod fit;
+mod growth;
+mod joint;
 mod lanes;
 mod linear;
 mod map;
 mod mask;
 mod nearest;
 mod operators;
+mod progress;
 mod quality;
+mod sampling;
 mod spatial;
 mod zoomout;
+mod zoomout_bijective;
+mod zoomout_subsampled;
 
-pub use bcicp::{Bcicp, BcicpOptions, BcicpStep, bcicp, bcicp_from_point_maps};
+pub use bcicp::{
+    Bcicp, BcicpOptions, bcicp, bcicp_from_point_maps, bcicp_from_point_maps_with_progress,
+    bcicp_with_progress,
+};
 pub use convert::{
     functional_from_point_map, point_map_from_functional, point_map_pair_from_functional,
 };
@@ -97,8 +109,17 @@ pub use error::{FmapError, Side};
 pub use fit::{Fit, FitOptions, FitTermination, fit, minimize};
 pub use map::{FunctionalMap, PointMap, PointMapPair, Shape};
 pub use mask::{LaplacianMask, laplacian_mask};
+pub use progress::{MapQuality, QualityAt, RefinementStep, map_quality};
 pub use quality::{
     Continuity, bijectivity_error, continuity, coverage, mean_error_mm, mean_error_over_sqrt_area,
     vertex_coverage,
 };
+pub use sampling::{SampleDistance, Samples, farthest_point_samples};
 pub use zoomout::{Refined, SpectralStep, ZoomOutOptions, spectral_icp, zoomout};
+pub use zoomout_bijective::{
+    BijectiveZoomOutOptions, RefinedPair, zoomout_bijective, zoomout_bijective_with_progress,
+};
+pub use zoomout_subsampled::{
+    SubsampledZoomOut, SubsampledZoomOutOptions, zoomout_subsampled,
+    zoomout_subsampled_with_progress,
+};

@@ -17,6 +17,8 @@ use crate::{
 
 /// Radius of a neighbourhood in mean edge lengths: about three rings.
 const RADIUS_IN_EDGES: f64 = 3.0;
+/// An edge whose image is longer by this factor, beyond one mean edge of the mesh it lies on, is torn.
+const MAX_STRETCH: f64 = 1.5;
 /// Rounds of filling: each reaches one ring further into an uncovered patch.
 const FILL_ROUNDS: usize = 3;
 /// Rounds of smoothing: a tear closes from its ends.
@@ -37,8 +39,8 @@ impl<'a> Surface<'a> {
         let adjacency = Adjacency::new(mesh);
         Self {
             mesh,
-            components: adjacency.components(|_, _| true),
-            radius: RADIUS_IN_EDGES * adjacency.mean_edge(),
+            components: adjacency.components(|_, _, _| true),
+            radius: RADIUS_IN_EDGES * adjacency.mean_edge,
             adjacency,
             points: Mat::new(),
         }
@@ -53,10 +55,11 @@ impl<'a> Surface<'a> {
         self.components.of_vertex[vertex]
     }
 
-    /// Whether two vertices are too far apart to be images of neighbours.
-    fn torn(&self, a: usize, b: usize) -> bool {
+    /// Whether two vertices are too far apart to be images of the ends of an edge of this length:
+    /// no stretch beyond `MAX_STRETCH` explains it, nor that images are vertices.
+    fn torn(&self, a: usize, b: usize, edge: f64) -> bool {
         self.component(a) != self.component(b)
-            || distance(self.mesh, a, b) > self.adjacency.longest_edge
+            || distance(self.mesh, a, b) > self.adjacency.mean_edge + MAX_STRETCH * edge
     }
 
     /// Whether two vertices are in one neighbourhood.
@@ -82,6 +85,35 @@ pub(crate) fn improve(
         pass.fill(&opposite.source_of_target);
     }
     map.source_of_target = pass.image;
+}
+
+/// Makes `map` (moving to fixed) an inverse of `opposite` wherever a neighbourhood allows it.
+///
+/// A moving vertex that is the image of some fixed vertices goes to the best of these, so its round
+/// trip ends where it began. Called for both maps in turn it pairs vertices one to one: what the
+/// second call moves leaves a vertex that keeps its partner for one that had none.
+pub(crate) fn couple(
+    fixed: &Surface<'_>,
+    moving: &Surface<'_>,
+    (map, opposite): (&mut PointMap, &PointMap),
+) {
+    let images = Pass::new(moving, fixed, opposite);
+    let partners = images.preimages();
+    for (y, image) in map.source_of_target.iter_mut().enumerate() {
+        let present = *image as usize;
+        if opposite.source_of_target[present] as usize == y {
+            continue;
+        }
+        let best = partners
+            .of(y)
+            .iter()
+            .filter(|&&x| fixed.near(x, present))
+            .map(|&x| (images.mismatch(y, x), x))
+            .min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        if let Some((_, x)) = best {
+            *image = x as u32;
+        }
+    }
 }
 
 struct Pass<'a> {
@@ -228,15 +260,16 @@ impl<'a> Pass<'a> {
         for _ in 0..SMOOTH_ROUNDS {
             let mut n_moved = 0;
             for y in 0..self.image.len() {
-                let neighbours = self.moving.adjacency.neighbours(y);
                 let present = self.image[y] as usize;
-                let images: Vec<usize> = neighbours
-                    .iter()
-                    .map(|&v| self.image[v as usize] as usize)
+                let images: Vec<(usize, f64)> = self
+                    .moving
+                    .adjacency
+                    .edges_of(y)
+                    .map(|(v, length)| (self.image[v] as usize, length))
                     .collect();
                 let n_torn = images
                     .iter()
-                    .filter(|&&v| self.fixed.torn(present, v))
+                    .filter(|&&(v, length)| self.fixed.torn(present, v, length))
                     .count();
                 if 2 * n_torn <= images.len() {
                     continue;
@@ -264,16 +297,18 @@ impl<'a> Pass<'a> {
         }
     }
 
-    /// Of some fixed vertices the one torn from fewest others, then with the least sum of
-    /// distances to them: a mean would fall between two vertebrae, this one cannot.
-    fn medoid(&self, vertices: &[usize]) -> Option<usize> {
-        vertices
+    /// Of the images of neighbours, with the lengths of the edges to them, the one torn from fewest
+    /// others, then with the least sum of distances to them: a mean would fall between two
+    /// vertebrae, this one cannot.
+    fn medoid(&self, images: &[(usize, f64)]) -> Option<usize> {
+        images
             .iter()
-            .map(|&a| {
-                let n_torn = vertices.iter().filter(|&&b| self.fixed.torn(a, b)).count();
-                let sum: f64 = vertices
+            .map(|&(a, to_a)| {
+                let torn = |&&(b, to_b): &&(usize, f64)| self.fixed.torn(a, b, to_a + to_b);
+                let n_torn = images.iter().filter(torn).count();
+                let sum: f64 = images
                     .iter()
-                    .map(|&b| distance(self.fixed.mesh, a, b))
+                    .map(|&(b, _)| distance(self.fixed.mesh, a, b))
                     .sum();
                 (n_torn, sum, a)
             })
@@ -283,10 +318,9 @@ impl<'a> Pass<'a> {
 
     /// Cuts the moving surface along torn edges and maps small pieces again, from their rim inwards.
     fn remap_outliers(&mut self, outlier_share: f64) {
-        let pieces = self.moving.adjacency.components(|a, b| {
-            !self
-                .fixed
-                .torn(self.image[a] as usize, self.image[b] as usize)
+        let pieces = self.moving.adjacency.components(|a, b, length| {
+            let (a, b) = (self.image[a] as usize, self.image[b] as usize);
+            !self.fixed.torn(a, b, length)
         });
         let mut known: Vec<bool> = (0..self.image.len())
             .map(|y| {

@@ -151,24 +151,6 @@ pub fn spectral_icp(
     })
 }
 
-/// Rounds of spectral ICP from a point map; ends early when nothing changes.
-pub(crate) fn icp_rounds(
-    source: &LaplaceBasis,
-    target: &LaplaceBasis,
-    point_map: &PointMap,
-    (size, n_rounds): ((usize, usize), usize),
-) -> Result<PointMap, FmapError> {
-    let mut correspondence = Correspondence::new(source, target, size);
-    correspondence.start_from(point_map);
-    for _ in 0..n_rounds {
-        let matrix = nearest_orthogonal(&correspondence.pulled_back(size))?;
-        if correspondence.assign(matrix.as_ref()) == 0 {
-            break;
-        }
-    }
-    Ok(correspondence.point_map())
-}
-
 fn step_report(map: &Mat<f64>, correspondence: &Correspondence, n_changed: usize) -> SpectralStep {
     SpectralStep {
         n_source: map.ncols(),

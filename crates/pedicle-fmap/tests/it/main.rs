@@ -6,10 +6,13 @@
     reason = "a test fails by panicking, and says so if its data is absent"
 )]
 
+mod animal;
 mod bad_input;
+mod bent;
 mod bijective;
 mod energies;
 mod known_maps;
+mod refinements;
 mod scoring;
 mod shapes;
 mod spine;
