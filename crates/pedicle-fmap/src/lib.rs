@@ -81,8 +81,11 @@ mod map;
 mod mask;
 mod nearest;
 mod operators;
+mod precise;
 mod quality;
 mod spatial;
+mod transfer;
+mod triangle_tree;
 mod zoomout;
 
 pub use bcicp::{Bcicp, BcicpOptions, BcicpStep, bcicp, bcicp_from_point_maps};
@@ -94,8 +97,13 @@ pub use error::{FmapError, Side};
 pub use fit::{Fit, FitOptions, FitTermination, fit, minimize};
 pub use map::{FunctionalMap, PointMap, PointMapPair, Shape};
 pub use mask::{LaplacianMask, laplacian_mask};
+pub use precise::{
+    Embedding, PointInFace, PreciseMap, functional_from_precise_map, point_map_from_adjoint,
+    precise_map_from_functional,
+};
 pub use quality::{
     Continuity, bijectivity_error, continuity, coverage, mean_error_mm, mean_error_over_sqrt_area,
     vertex_coverage,
 };
+pub use transfer::target_vertices_of_points;
 pub use zoomout::{Refined, SpectralStep, ZoomOutOptions, spectral_icp, zoomout};
