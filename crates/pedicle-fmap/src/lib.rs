@@ -73,14 +73,17 @@
 mod adjacency;
 mod bcicp;
 mod convert;
+mod distribution;
 mod energy;
 mod error;
 mod fit;
 mod linear;
 mod map;
 mod mask;
+mod metric_quality;
 mod nearest;
 mod operators;
+mod partial;
 mod precise;
 mod quality;
 mod spatial;
@@ -92,11 +95,14 @@ pub use bcicp::{Bcicp, BcicpOptions, BcicpStep, bcicp, bcicp_from_point_maps};
 pub use convert::{
     functional_from_point_map, point_map_from_functional, point_map_pair_from_functional,
 };
+pub use distribution::Distribution;
 pub use energy::{Energy, EnergyTerms, EnergyWeights, OperatorColumns, OrientationBehaviour};
 pub use error::{FmapError, Side};
 pub use fit::{Fit, FitOptions, FitTermination, fit, minimize};
 pub use map::{FunctionalMap, PointMap, PointMapPair, Shape};
 pub use mask::{LaplacianMask, laplacian_mask};
+pub use metric_quality::{Metric, edge_stretch, map_errors, precise_map_errors, round_trip_errors};
+pub use partial::{PartialOptions, PartialSizes, crop_along};
 pub use precise::{
     Embedding, PointInFace, PreciseMap, functional_from_precise_map, point_map_from_adjoint,
     precise_map_from_functional,

@@ -16,7 +16,9 @@ use rayon::prelude::*;
 /// Faces in a leaf of the tree.
 const FACES_PER_LEAF: usize = 8;
 /// Coordinates summed between two looks at the limit.
-const CHUNK: usize = 8;
+const CHUNK: usize = 16;
+/// Independent sums, so that they fill vector registers.
+const LANES: usize = 8;
 /// Relative room for rounding in a bound before something is passed over.
 const ROUNDING: f64 = 1e-10;
 /// Queries a task takes.
@@ -27,6 +29,8 @@ pub(crate) struct TriangleTree<'a> {
     faces: &'a [[u32; 3]],
     /// Corners as columns, k × n.
     corners: Mat<f64>,
+    /// For every face u·u, u·v, v·v of the edges u, v at its first corner.
+    products: Vec<[f64; 3]>,
     /// Faces in the order of the leaves.
     order: Vec<u32>,
     nodes: Vec<Node>,
@@ -57,10 +61,16 @@ impl<'a> TriangleTree<'a> {
         let mut tree = Self {
             faces,
             corners: embedding.transpose().to_owned(),
+            products: Vec::with_capacity(faces.len()),
             order: (0..faces.len() as u32).collect(),
             nodes: Vec::new(),
             centers: Vec::new(),
         };
+        for &face in faces {
+            let [a, b, c] = face.map(|v| tree.corner(v));
+            let products = [dot_from(a, b, b), dot_from(a, b, c), dot_from(a, c, c)];
+            tree.products.push(products);
+        }
         tree.build(0, faces.len());
         tree
     }
@@ -110,7 +120,7 @@ impl<'a> TriangleTree<'a> {
     fn build(&mut self, first: usize, last: usize) -> u32 {
         let index = self.nodes.len();
         let (mean, widest) = self.spread(first, last);
-        let squared = |v: u32| squared_distance(&mean, self.corner(v));
+        let squared = |v: u32| dot_from(&mean, self.corner(v), self.corner(v));
         let corners = self.order[first..last]
             .iter()
             .flat_map(|&f| self.faces[f as usize]);
@@ -196,25 +206,16 @@ impl<'a> TriangleTree<'a> {
     /// The nearest point of one face, or none if it is certainly further than the limit.
     fn project(&self, query: &[f64], face: u32, limit: f64) -> Option<Nearest> {
         let [a, b, c] = self.faces[face as usize].map(|v| self.corner(v));
-        let (e11, e12, e22) = {
-            let mut sums = [0.0; 3];
-            for ((x, y), z) in a.iter().zip(b).zip(c) {
-                let (u, v) = (y - x, z - x);
-                sums[0] += u * u;
-                sums[1] += u * v;
-                sums[2] += v * v;
-            }
-            (sums[0], sums[1], sums[2])
+        let products = self.products[face as usize];
+        let longest = if products[0] > products[2] {
+            products[0]
+        } else {
+            products[2]
         };
-        let longest = if e11 > e22 { e11 } else { e22 }.sqrt();
-        let reach = widened(limit + longest);
+        let reach = widened(limit + longest.sqrt());
         within(query, a, reach * reach)?;
-        let (mut w1, mut w2) = (0.0, 0.0);
-        for (((x, y), z), q) in a.iter().zip(b).zip(c).zip(query) {
-            w1 += (y - x) * (q - x);
-            w2 += (z - x) * (q - x);
-        }
-        let barycentric = nearest_in_triangle([e11, e12, e22], [w1, w2]);
+        let along = [dot_from(a, b, query), dot_from(a, c, query)];
+        let barycentric = nearest_in_triangle(products, along);
         let [s, t, r] = barycentric;
         let corners = a.iter().zip(b).zip(c).zip(query);
         let squared: f64 = corners
@@ -274,24 +275,35 @@ fn widened(limit: f64) -> f64 {
     limit * (1.0 + ROUNDING)
 }
 
-fn squared_distance(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(x, y)| (x - y) * (x - y)).sum()
+/// (x - origin)·(y - origin).
+fn dot_from(origin: &[f64], x: &[f64], y: &[f64]) -> f64 {
+    let mut lanes = [0.0; LANES];
+    let chunks = origin
+        .chunks(LANES)
+        .zip(x.chunks(LANES))
+        .zip(y.chunks(LANES));
+    for ((origin, x), y) in chunks {
+        for (((lane, o), x), y) in lanes.iter_mut().zip(origin).zip(x).zip(y) {
+            *lane += (x - o) * (y - o);
+        }
+    }
+    lanes.iter().sum()
 }
 
 /// |a - b|², or none as soon as it is beyond the limit.
 fn within(a: &[f64], b: &[f64], limit: f64) -> Option<f64> {
-    let mut sum = 0.0;
+    let mut lanes = [0.0; LANES];
     for (a, b) in a.chunks(CHUNK).zip(b.chunks(CHUNK)) {
-        let mut lanes = [0.0; CHUNK];
-        for ((lane, x), y) in lanes.iter_mut().zip(a).zip(b) {
-            *lane = (x - y) * (x - y);
+        for (a, b) in a.chunks(LANES).zip(b.chunks(LANES)) {
+            for ((lane, x), y) in lanes.iter_mut().zip(a).zip(b) {
+                *lane += (x - y) * (x - y);
+            }
         }
-        sum += lanes.iter().sum::<f64>();
-        if sum > limit {
+        if lanes.iter().sum::<f64>() > limit {
             return None;
         }
     }
-    Some(sum)
+    Some(lanes.iter().sum())
 }
 
 #[cfg(test)]

@@ -190,8 +190,8 @@ impl HeatGeodesics {
 
     /// The distance of every pair, measured from its first vertex; infinite between components.
     ///
-    /// One query for every different first vertex, several side by side. To the last digits the
-    /// distance from a to b need not be that from b to a.
+    /// One query for every different first vertex, several side by side. The distance from a to b
+    /// differs from that from b to a by as much as the error of the method.
     ///
     /// # Errors
     /// [`GeodesicError`] if a vertex does not exist.

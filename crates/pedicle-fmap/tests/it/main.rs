@@ -10,6 +10,7 @@ mod bad_input;
 mod bijective;
 mod energies;
 mod known_maps;
+mod results;
 mod scoring;
 mod shapes;
 mod spine;
