@@ -82,13 +82,13 @@ mod map;
 mod mask;
 mod metric_quality;
 mod nearest;
+mod nearest_triangle;
 mod operators;
 mod partial;
 mod precise;
 mod quality;
 mod spatial;
 mod transfer;
-mod triangle_tree;
 mod zoomout;
 
 pub use bcicp::{Bcicp, BcicpOptions, BcicpStep, bcicp, bcicp_from_point_maps};

@@ -20,7 +20,7 @@ use crate::{
     convert::{check_basis, check_map, functions, point_map_from_functional},
     linear::product,
     map::check_size,
-    triangle_tree::TriangleTree,
+    nearest_triangle::{Triangles, nearest_in_space},
 };
 
 /// Largest deviation of a sum of barycentric coordinates from 1.
@@ -154,15 +154,11 @@ impl PreciseMap {
         })?;
         let points = positions.iter().map(|p| {
             let face = index.closest_point(p).face;
-            let corners = source.triangle(face as usize);
-            let rows = Mat::from_fn(3, 3, |i, j| corners[i][j]);
-            let query = Mat::from_fn(1, 3, |_, j| p[j]);
-            let own = [[0, 1, 2]];
-            let found = TriangleTree::new(&own, rows.as_ref()).nearest(query.as_ref(), &[0]);
+            let corners = source.triangle(face as usize).map(|c| c.coords.into());
             PointInFace {
                 face,
                 corners: source.faces()[face as usize],
-                barycentric: found[0].barycentric,
+                barycentric: nearest_in_space(&corners, &p.coords.into()),
             }
         });
         Self::new(points.collect(), source.n_vertices())
@@ -257,12 +253,8 @@ pub fn precise_map_from_functional(
         source.n_vertices(),
     )?;
     let faces = source_mesh.faces();
-    let guess = match embedding {
-        Embedding::Forward => point_map_from_functional(source, target, map)?,
-        Embedding::Adjoint => point_map_from_adjoint(source, target, map)?,
-    };
     let search = |embedded: MatRef<'_, f64>, queries: MatRef<'_, f64>| {
-        TriangleTree::new(faces, embedded).nearest(queries, &guess.source_of_target)
+        Triangles::new(faces, embedded).nearest(queries)
     };
     let found = match embedding {
         Embedding::Forward => {
