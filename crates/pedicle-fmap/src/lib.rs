@@ -13,6 +13,10 @@
 //! | `convert` | [`point_map_from_functional`], [`functional_from_point_map`] |
 //! | `zoomout` | [`zoomout`], [`spectral_icp`] |
 //! | `bcicp`, `spatial` | [`bcicp`]: both directions at once |
+//! | `precise`, `nearest_triangle` | [`PreciseMap`]: points in triangles; [`point_map_from_adjoint`] |
+//! | `transfer` | functions, labels and points carried from the source to the target |
+//! | `partial` | [`PartialSizes`]: size, slope and rank for a part; [`crop_along`] |
+//! | `metric_quality`, `distribution` | [`map_errors`], [`edge_stretch`], .. in a [`Metric`]; quantiles |
 //! | `quality` | [`coverage`], [`bijectivity_error`], [`continuity`], [`mean_error_mm`] |
 //!
 //! The crate does not know what its descriptors describe, nor what the shapes are. A null space of

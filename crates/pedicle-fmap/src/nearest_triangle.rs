@@ -19,9 +19,9 @@ use faer::{Accum, Mat, MatRef, Par, linalg::matmul::matmul};
 use rayon::prelude::*;
 
 /// Distances a task holds at a time, if that is between the two numbers of queries below.
-const DISTANCES_PER_BLOCK: usize = 1 << 19;
-const FEWEST_QUERIES: usize = 8;
-const MOST_QUERIES: usize = 64;
+const DISTANCES_PER_BLOCK: usize = 1 << 22;
+const FEWEST_QUERIES: usize = 16;
+const MOST_QUERIES: usize = 128;
 /// Independent sums, so that they fill vector registers.
 const LANES: usize = 8;
 /// No point of a triangle is further from its nearest corner than its longest edge over √3: the
