@@ -222,7 +222,7 @@ fn spines() -> Outcome<Vec<Spine>> {
 fn run(spine: &Spine, (kept, cropped): (f64, f64), method: &Method, draw: u64) -> Outcome<Score> {
     let mut numbers = Numbers(11 + 7919 * draw);
     let axis = Unit::new_normalize(spine.posterior.cross(&Vector3::new(0.3, 0.2, 1.0)));
-    let turn = if draw % 2 == 0 {
+    let turn = if draw.is_multiple_of(2) {
         CUT_TILT_RAD
     } else {
         -CUT_TILT_RAD
