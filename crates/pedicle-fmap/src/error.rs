@@ -52,6 +52,25 @@ pub enum FmapError {
         /// Number of vertices it may choose from.
         n_vertices: usize,
     },
+    /// A point map names a vertex that no face uses.
+    #[error("vertex {mapped_from} is mapped to vertex {vertex}, which no face uses")]
+    VertexWithoutFace {
+        /// The image without a face.
+        vertex: u32,
+        /// The vertex that is mapped to it.
+        mapped_from: usize,
+    },
+    /// Weights in a triangle are negative or do not sum to 1.
+    #[error("vertex {vertex} has the weights {barycentric:?}; they must be positive, of sum 1")]
+    BadBarycentric {
+        /// The vertex that is mapped.
+        vertex: usize,
+        /// Its weights.
+        barycentric: [f64; 3],
+    },
+    /// Distances on a shape could not be measured.
+    #[error("distances cannot be measured: {0}")]
+    Geodesic(#[from] pedicle_geodesic::GeodesicError),
     /// An option has a value that makes no sense.
     #[error("option {option} is {value}; {requirement}")]
     InvalidOption {

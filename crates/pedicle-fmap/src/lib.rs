@@ -16,6 +16,10 @@
 //! | `zoomout_subsampled`, `sampling` | [`zoomout_subsampled`] on [`farthest_point_samples`] |
 //! | `bcicp`, `spatial` | [`bcicp`]: both directions at once |
 //! | `progress` | [`RefinementStep`]: the report and the callback of every refinement |
+//! | `precise`, `nearest_triangle` | [`PreciseMap`]: points in triangles; [`point_map_from_adjoint`] |
+//! | `transfer` | functions, labels and points carried from the source to the target |
+//! | `partial` | [`PartialSizes`]: size, slope and rank for a part; [`crop_along`] |
+//! | `metric_quality`, `distribution` | [`map_errors`], [`edge_stretch`], .. in a [`Metric`]; quantiles |
 //! | `quality` | [`coverage`], [`bijectivity_error`], [`continuity`], [`mean_error_mm`] |
 //!
 //! The crate does not know what its descriptors describe, nor what the shapes are. A null space of
@@ -78,6 +82,7 @@ mod ball_tree;
 mod bcicp;
 mod convert;
 mod correspondence;
+mod distribution;
 mod energy;
 mod error;
 mod fit;
@@ -87,12 +92,17 @@ mod lanes;
 mod linear;
 mod map;
 mod mask;
+mod metric_quality;
 mod nearest;
+mod nearest_triangle;
 mod operators;
+mod partial;
+mod precise;
 mod progress;
 mod quality;
 mod sampling;
 mod spatial;
+mod transfer;
 mod zoomout;
 mod zoomout_bijective;
 mod zoomout_subsampled;
@@ -104,17 +114,25 @@ pub use bcicp::{
 pub use convert::{
     functional_from_point_map, point_map_from_functional, point_map_pair_from_functional,
 };
+pub use distribution::Distribution;
 pub use energy::{Energy, EnergyTerms, EnergyWeights, OperatorColumns, OrientationBehaviour};
 pub use error::{FmapError, Side};
 pub use fit::{Fit, FitOptions, FitTermination, fit, minimize};
 pub use map::{FunctionalMap, PointMap, PointMapPair, Shape};
 pub use mask::{LaplacianMask, laplacian_mask};
+pub use metric_quality::{Metric, edge_stretch, map_errors, precise_map_errors, round_trip_errors};
+pub use partial::{PartialOptions, PartialSizes, crop_along};
+pub use precise::{
+    Embedding, PointInFace, PreciseMap, functional_from_precise_map, point_map_from_adjoint,
+    precise_map_from_functional,
+};
 pub use progress::{MapQuality, QualityAt, RefinementStep, map_quality};
 pub use quality::{
     Continuity, bijectivity_error, continuity, coverage, mean_error_mm, mean_error_over_sqrt_area,
     vertex_coverage,
 };
 pub use sampling::{SampleDistance, Samples, farthest_point_samples};
+pub use transfer::target_vertices_of_points;
 pub use zoomout::{Refined, SpectralStep, ZoomOutOptions, spectral_icp, zoomout};
 pub use zoomout_bijective::{
     BijectiveZoomOutOptions, RefinedPair, zoomout_bijective, zoomout_bijective_with_progress,

@@ -7,8 +7,10 @@
 //! error               Σ_y a_y |T(y) - T_true(y)| / (A √A)
 //! ```
 //!
-//! a is a third of the areas of the triangles at a vertex, A their sum. Distances are Euclidean:
-//! they bound the geodesic ones from below and need no n × n table.
+//! a is a third of the areas of the triangles at a vertex, A their sum. Distances of the functions
+//! above are Euclidean: they bound the geodesic ones from below. [`map_errors`],
+//! [`round_trip_errors`] and [`edge_stretch`] return whole distributions in the [`Metric`] asked
+//! for; none needs an n × n table.
 //!
 //! Ren et al. 2018, section 6; Kim, Lipman & Funkhouser 2011.
 

@@ -13,6 +13,7 @@ mod bijective;
 mod energies;
 mod known_maps;
 mod refinements;
+mod results;
 mod scoring;
 mod shapes;
 mod spine;
