@@ -6,5 +6,8 @@
 
 mod bad_input;
 mod demo;
+mod map;
+mod spectrum;
 mod support;
 mod transfer;
+mod zoo;
