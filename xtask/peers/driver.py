@@ -119,10 +119,11 @@ def pair(job):
         maps[name] = p2p.tolist()
     points = {}
     if job["precise"]:
-        precise = record.run(
+        faces, weights = record.run(
             "precise map", lambda: model.get_precise_map(FM=refined, n_jobs=threads)
         )
-        points["precise map"] = (precise @ meshes[0].vertices).tolist()
+        corners = meshes[0].vertices[meshes[0].faces[faces]]
+        points["precise map"] = np.einsum("vc,vcx->vx", weights, corners).tolist()
     return {
         "stages": record.stages,
         "start_mib": start_mib,

@@ -78,6 +78,8 @@ pub(crate) const OPERATORS: &str = "operators";
 pub(crate) const EIGENPAIRS: &str = "eigenpairs";
 pub(crate) const DESCRIPTORS: &str = "descriptors";
 pub(crate) const FIT: &str = "fit";
+/// Ours alone: the fit with the number of operators that it takes by default.
+pub(crate) const FIT_BY_DEFAULT: &str = "fit, operators of 10 descriptors";
 pub(crate) const PRECISE: &str = "precise map";
 
 /// ZoomOut with this step.

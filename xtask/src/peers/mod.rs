@@ -66,6 +66,8 @@ const MEDIUM: usize = 8000;
 pub(crate) struct Series {
     pub(crate) pair_name: String,
     pub(crate) n_threads: usize,
+    /// Error of the best map to vertices.
+    pub(crate) floor: f64,
     pub(crate) runs: BTreeMap<Program, Vec<Run>>,
 }
 
@@ -145,6 +147,7 @@ impl Arguments {
         Ok(Series {
             pair_name: pair.name.clone(),
             n_threads,
+            floor: pair.smallest_error_of_map(),
             runs,
         })
     }
