@@ -68,6 +68,35 @@ pub(crate) enum XtaskError {
     /// Threads could not be started.
     #[error("the thread pool could not be started: {0}")]
     Threads(#[from] rayon::ThreadPoolBuildError),
+    /// A mesh file could not be read.
+    #[error(transparent)]
+    ReadMesh(#[from] pedicle_mesh::ReadError),
+    /// A computation that is measured failed.
+    #[error("{stage}: {reason}")]
+    Stage {
+        /// Which stage.
+        stage: String,
+        /// Why.
+        reason: String,
+    },
+    /// A measured process failed.
+    #[error("{command} failed with {status}: {message}")]
+    Child {
+        /// The command line.
+        command: String,
+        /// How it ended.
+        status: std::process::ExitStatus,
+        /// The end of what it said.
+        message: String,
+    },
+    /// A file of a measured process makes no sense.
+    #[error("{}: {message}", path.display())]
+    Measurement {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        message: String,
+    },
     /// A command could not be started.
     #[error("{command}: {source}")]
     Command {

@@ -3,7 +3,11 @@
 mod bench;
 mod ci;
 mod error;
+mod measure;
+mod pairs;
+mod peers;
 mod phantom;
+mod scaling;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -24,13 +28,25 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     BenchScenarios(bench::Arguments),
+    BenchPeers(peers::Arguments),
+    Scaling(scaling::Arguments),
     MakePhantom(phantom::Arguments),
     Ci(ci::Arguments),
+    /// One run of our side of `bench-peers`, in a process of its own.
+    #[command(hide = true)]
+    MeasurePair(peers::ChildArguments),
+    /// One stage of `scaling`, in a process of its own.
+    #[command(hide = true)]
+    MeasureStage(scaling::ChildArguments),
 }
 
 fn main() -> ExitCode {
     let outcome = match Cli::parse().command {
         Command::BenchScenarios(arguments) => arguments.run(),
+        Command::BenchPeers(arguments) => arguments.run(),
+        Command::Scaling(arguments) => arguments.run(),
+        Command::MeasurePair(arguments) => arguments.run(),
+        Command::MeasureStage(arguments) => arguments.run(),
         Command::MakePhantom(arguments) => arguments.run(),
         Command::Ci(arguments) => arguments.run(),
     };

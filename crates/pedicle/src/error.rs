@@ -100,6 +100,61 @@ pub enum Error {
     /// The phantom could not be made.
     #[error(transparent)]
     Simulation(#[from] pedicle_simulation::SimulationError),
+    /// The operators of a shape could not be made.
+    #[error("{}: {error}", path.display())]
+    Operators {
+        /// The mesh.
+        path: PathBuf,
+        /// Why.
+        error: pedicle_laplacian::OperatorError,
+    },
+    /// The eigenpairs of a shape could not be computed.
+    #[error("{}: {error}", path.display())]
+    Spectrum {
+        /// The mesh.
+        path: PathBuf,
+        /// Why.
+        error: pedicle_spectral::SpectralError,
+    },
+    /// The descriptors of two shapes could not be computed.
+    #[error("{} and {}: {error}", source_path.display(), target_path.display())]
+    Descriptors {
+        /// The source.
+        source_path: PathBuf,
+        /// The target.
+        target_path: PathBuf,
+        /// Why.
+        error: pedicle_descriptors::DescriptorError,
+    },
+    /// The map between two shapes could not be computed.
+    #[error("{} and {}: {error}", source_path.display(), target_path.display())]
+    Map {
+        /// The source.
+        source_path: PathBuf,
+        /// The target.
+        target_path: PathBuf,
+        /// Why.
+        error: pedicle_fmap::FmapError,
+    },
+    /// A file of landmark pairs could not be read.
+    #[error(transparent)]
+    Landmarks(#[from] crate::VertexPairError),
+    /// Two shapes could not be put into one picture.
+    #[error("{}: {error}", path.display())]
+    Picture {
+        /// The file of the picture.
+        path: PathBuf,
+        /// Why.
+        error: pedicle_mesh::MeshError,
+    },
+    /// A result would go to a file of another kind.
+    #[error("{}: the extension should be {expected}", path.display())]
+    Extension {
+        /// The file.
+        path: PathBuf,
+        /// What it should be.
+        expected: &'static str,
+    },
     /// The folder of a result is not there.
     #[error("{}: the folder {} does not exist", path.display(), folder.display())]
     NoFolder {

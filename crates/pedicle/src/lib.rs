@@ -2,6 +2,7 @@
 //!
 //! - [`read_spine`], [`landmarks_from_shape`], [`plan_from_shape`]: a spine from files
 //! - [`TransferFile`], [`write_json`]: the result of a transfer as JSON
+//! - [`shape`]: spectra of any mesh and maps between any two
 //! - [`write_text`]: any text, whole or not at all
 //! - [`commands`]: the commands themselves, with their arguments
 //!
@@ -18,6 +19,7 @@
 pub mod commands;
 mod error;
 mod result_file;
+pub mod shape;
 mod spine_files;
 
 pub use error::Error;
@@ -25,6 +27,7 @@ pub use result_file::{
     COVARIANCE_ORDER, TargetChangesEntry, TrajectoryEntry, TransferFile, VertebraEntry, write_json,
     write_text,
 };
+pub use shape::VertexPairError;
 pub use spine_files::{landmarks_from_shape, plan_from_shape, read_spine};
 
 /// The example of the README is run with the tests.

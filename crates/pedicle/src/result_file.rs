@@ -1,13 +1,12 @@
 //! The result of a transfer as JSON.
 
-use std::io::Write;
 use std::path::Path;
 
 use pedicle_spine::{TargetChanges, Transfer};
 use pedicle_trajectory::{Level, Side};
 use serde::{Deserialize, Serialize};
 
-use crate::Error;
+use crate::{Error, shape::write_bytes};
 
 /// Order of the rows and columns of `covariance`.
 pub const COVARIANCE_ORDER: [&str; 6] = [
@@ -169,30 +168,5 @@ pub fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Error> {
 /// # Errors
 /// [`Error::NoFolder`] if the folder does not exist, [`Error::Write`] if it cannot be written.
 pub fn write_text(path: &Path, text: &str) -> Result<(), Error> {
-    let refused = |source| Error::Write {
-        path: path.to_owned(),
-        source,
-    };
-    let folder = path
-        .parent()
-        .filter(|p| !p.as_os_str().is_empty())
-        .unwrap_or(Path::new("."));
-    if !folder.is_dir() {
-        return Err(Error::NoFolder {
-            path: path.to_owned(),
-            folder: folder.to_owned(),
-        });
-    }
-    let builder = tempfile::Builder::new();
-    // A temporary file is its owner's alone unless told otherwise; the umask still applies.
-    #[cfg(unix)]
-    let builder = {
-        let mut builder = builder;
-        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        builder
-    };
-    let mut file = builder.tempfile_in(folder).map_err(refused)?;
-    file.write_all(text.as_bytes()).map_err(refused)?;
-    file.persist(path).map_err(|e| refused(e.error))?;
-    Ok(())
+    write_bytes(path, text.as_bytes())
 }

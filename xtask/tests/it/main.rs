@@ -4,6 +4,9 @@
     reason = "a test that cannot set its scene up must fail"
 )]
 
+mod peers;
+mod scaling;
+
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 

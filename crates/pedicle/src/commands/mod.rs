@@ -1,6 +1,9 @@
 //! The commands and their arguments.
 
 mod demo;
+mod map;
+mod progress;
+mod spectrum;
 mod table;
 mod transfer;
 
@@ -17,7 +20,8 @@ pub const EXIT_BAD_INPUT: u8 = 2;
 /// The work was done, but something is not vouched for.
 pub const EXIT_REJECTED: u8 = 3;
 
-/// Carry a pedicle-screw plan from a CT spine to an intra-operative surface.
+/// Carry a pedicle-screw plan from a CT spine to an intra-operative surface; map any shape to
+/// another; compute spectra.
 ///
 /// Research software, not a medical device.
 #[derive(Debug, Parser)]
@@ -33,13 +37,17 @@ Examples:
   pedicle transfer --source fixtures/phantom --plan fixtures/phantom/plan.ron \\
       --source-landmarks fixtures/phantom/landmarks.ron \\
       --target target.ply --target-landmarks target-landmarks.json --json result.json
+  pedicle map cat-a.off cat-b.off --landmarks pairs.txt --json map.json --glb map.glb
+  pedicle spectrum bone.stl -k 200 --json spectrum.json
 
-Exit codes: 0 everything accepted, 3 something rejected, 2 wrong usage or input.";
+Exit codes: 0 everything accepted or certified, 3 something not, 2 wrong usage or input.";
 
 #[derive(Debug, Subcommand)]
 enum Command {
     Transfer(transfer::Arguments),
     Demo(demo::Arguments),
+    Map(map::Arguments),
+    Spectrum(spectrum::Arguments),
 }
 
 impl Cli {
@@ -51,6 +59,8 @@ impl Cli {
         match self.command {
             Command::Transfer(arguments) => arguments.run(),
             Command::Demo(arguments) => arguments.run(),
+            Command::Map(arguments) => arguments.run(),
+            Command::Spectrum(arguments) => arguments.run(),
         }
     }
 }
@@ -61,6 +71,15 @@ fn exit_code(all_accepted: bool) -> ExitCode {
     } else {
         EXIT_REJECTED
     })
+}
+
+/// A count that must not be 0.
+fn at_least_one(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(0) => Err("at least 1 is needed".to_owned()),
+        Ok(count) => Ok(count),
+        Err(error) => Err(format!("{error}")),
+    }
 }
 
 /// Prints to standard output. A closed pipe is not an error.

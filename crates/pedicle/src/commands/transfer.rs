@@ -4,14 +4,13 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
-use indicatif::{ProgressBar, ProgressStyle};
 use pedicle_mesh::read_mesh;
 use pedicle_spine::{
     MapOptions, Shape, SpineError, SpineModel, Target, TransferOptions, transfer_with_progress,
 };
 use pedicle_trajectory::{read_landmarks, read_plan};
 
-use super::{exit_code, say, table::transfer_tables};
+use super::{exit_code, progress::progress_bar, say, table::transfer_tables};
 use crate::{Error, TransferFile, read_spine, write_json};
 
 /// Carry a plan to a target surface.
@@ -45,7 +44,7 @@ const N_STEPS: u64 = 6;
 
 impl Arguments {
     pub(super) fn run(self) -> Result<ExitCode, Error> {
-        let bar = progress_bar();
+        let bar = progress_bar(N_STEPS);
         bar.set_message("reading the source");
         let vertebrae = read_spine(&self.source)?;
         let plan = read_plan(&self.plan)?;
@@ -116,13 +115,4 @@ impl Arguments {
             error: Box::new(error),
         }
     }
-}
-
-fn progress_bar() -> ProgressBar {
-    let bar = ProgressBar::new(N_STEPS);
-    // Shown only on a terminal; indicatif stays silent otherwise.
-    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} {msg}") {
-        bar.set_style(style);
-    }
-    bar
 }

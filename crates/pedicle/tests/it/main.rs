@@ -3,8 +3,15 @@
     clippy::unwrap_used,
     reason = "a test that cannot set its scene up must fail"
 )]
+#![allow(
+    clippy::print_stdout,
+    reason = "tests tell when the reference data are absent"
+)]
 
 mod bad_input;
 mod demo;
+mod map;
+mod spectrum;
 mod support;
 mod transfer;
+mod zoo;
