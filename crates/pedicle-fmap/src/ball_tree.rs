@@ -26,8 +26,6 @@ const ROWS_PER_TASK: usize = 2048;
 pub(crate) struct BallTree {
     /// The row at every position.
     pub(crate) order: Vec<u32>,
-    /// The position of every row.
-    pub(crate) position: Vec<u32>,
     /// Φ by position.
     pub(crate) functions: Lanes,
     /// The rows as they are now, by position.
@@ -63,13 +61,8 @@ impl BallTree {
     pub(crate) fn new(matrix: MatRef<'_, f64>, n_coordinates: usize) -> Self {
         let order = neighbours_side_by_side(matrix);
         let n = order.len();
-        let mut position = vec![0; n];
-        for (p, &row) in order.iter().enumerate() {
-            position[row as usize] = p as u32;
-        }
         let n_leaves = n.div_ceil(LANES);
         Self {
-            position,
             functions: Lanes::from_rows(matrix, &order),
             rows: Lanes::zeros(n, n_coordinates),
             largest_norm: 0.0,

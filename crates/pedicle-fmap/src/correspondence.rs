@@ -26,6 +26,7 @@ use crate::{
     ball_tree::{BallTree, CarryBalls, neighbours_side_by_side},
     convert::functions,
     nearest::{Known, Search, search},
+    progress::{RefinementStep, lost_share},
 };
 
 /// Changed vertices a product takes: two matrices of this many columns stay inside a cache.
@@ -131,11 +132,6 @@ impl Correspondence {
         }
     }
 
-    /// Number of target vertices.
-    pub(crate) fn n_target_vertices(&self) -> usize {
-        self.order.len()
-    }
-
     /// Share of the source vertices that are some target vertex's image.
     pub(crate) fn coverage(&self) -> f64 {
         let mut hit = vec![false; self.source.n_rows()];
@@ -143,6 +139,32 @@ impl Correspondence {
             hit[*image as usize] = true;
         }
         hit.iter().filter(|&&hit| hit).count() as f64 / hit.len() as f64
+    }
+
+    /// The state of the map after a step with a C of that size which changed so many images.
+    pub(crate) fn step(
+        &self,
+        (n_target, n_source): (usize, usize),
+        n_changed: usize,
+    ) -> RefinementStep {
+        let mut hits = vec![0.0; self.source.n_rows()];
+        for (image, mass) in self.images.iter().zip(&self.mass) {
+            hits[image.unwrap_or_default() as usize] += mass;
+        }
+        let mut carried = 0.0;
+        for (p, mass) in hits.iter().enumerate().filter(|(_, mass)| **mass > 0.0) {
+            let row = (0..n_source).map(|j| self.source.functions.get(p, j));
+            carried += mass * row.map(|x| x * x).sum::<f64>();
+        }
+        let kept = self.pulled_back.submatrix(0, 0, n_target, n_source);
+        RefinementStep {
+            n_source,
+            n_target,
+            coverage: self.coverage(),
+            changed: n_changed as f64 / self.images.len() as f64,
+            energy: lost_share(carried, carried - kept.squared_norm_l2()),
+            quality: None,
+        }
     }
 
     /// Takes new images, corrects C' and says how many have changed.

@@ -22,7 +22,7 @@ use crate::{
     linear::{add_product, add_scaled, dot, product},
     map::{check_finite, check_size},
     mask::laplacian_mask,
-    operators::{multiplication, orientation},
+    pairs::{FunctionPairs, multiplication_of, orientation_of},
 };
 
 /// Weights of the terms of the energy; a weight of 0 leaves the term out.
@@ -162,27 +162,17 @@ impl Energy {
             OrientationBehaviour::Preserving => 1.0,
             OrientationBehaviour::Reversing => -1.0,
         };
-        let mut commutators = Vec::new();
         let share = 1.0 / columns.len() as f64;
+        let pairs = FunctionPairs::new((source, target), (n_target, n_source), &columns);
+        let mut commutators = Vec::new();
         if weights.descriptor_commutativity > 0.0 {
-            commutators.extend(columns.iter().map(|&column| Commutator {
-                weight: weights.descriptor_commutativity * share,
-                source: multiplication_of(source, n_source, column),
-                target: multiplication_of(target, n_target, column),
-                sign: 1.0,
-            }));
+            let weight = weights.descriptor_commutativity * share;
+            commutators.extend(pairs.commutators(weight, 1.0, multiplication_of));
         }
         let n_multiplications = commutators.len();
         if weights.orientation > 0.0 {
-            commutators.extend(columns.iter().map(|&column| Commutator {
-                weight: weights.orientation * share,
-                source: orientation_of(source, n_source, column),
-                target: orientation_of(target, n_target, column),
-                sign,
-            }));
-        }
-        for commutator in &mut commutators {
-            divide_by_joint_norm(&mut commutator.source, &mut commutator.target);
+            let weight = weights.orientation * share;
+            commutators.extend(pairs.commutators(weight, sign, orientation_of));
         }
         Ok(Self {
             descriptor_weight: weights.descriptors,
@@ -327,22 +317,6 @@ fn coefficients(shape: &Shape<'_>, count: usize) -> Mat<f64> {
         }
     }
     product(functions(shape.basis, count).transpose(), weighted.as_ref())
-}
-
-fn multiplication_of(shape: &Shape<'_>, count: usize, column: usize) -> Mat<f64> {
-    multiplication(
-        functions(shape.basis, count),
-        &shape.basis.mass,
-        shape.descriptors.col_as_slice(column),
-    )
-}
-
-fn orientation_of(shape: &Shape<'_>, count: usize, column: usize) -> Mat<f64> {
-    orientation(
-        functions(shape.basis, count),
-        shape.mesh,
-        shape.descriptors.col_as_slice(column),
-    )
 }
 
 /// Divides both by √((‖S‖² + ‖T‖²) / 2): one factor, so that the pair stays comparable.

@@ -96,6 +96,7 @@ mod metric_quality;
 mod nearest;
 mod nearest_triangle;
 mod operators;
+mod pairs;
 mod partial;
 mod precise;
 mod progress;
@@ -133,7 +134,10 @@ pub use quality::{
 };
 pub use sampling::{SampleDistance, Samples, farthest_point_samples};
 pub use transfer::target_vertices_of_points;
-pub use zoomout::{Refined, SpectralStep, ZoomOutOptions, spectral_icp, zoomout};
+pub use zoomout::{
+    Refined, ZoomOutOptions, spectral_icp, spectral_icp_with_progress, zoomout,
+    zoomout_with_progress,
+};
 pub use zoomout_bijective::{
     BijectiveZoomOutOptions, RefinedPair, zoomout_bijective, zoomout_bijective_with_progress,
 };

@@ -10,7 +10,6 @@
 //!
 //! Melzi, Ren, Rodolà, Sharma, Wonka & Ovsjanikov 2019; Ovsjanikov et al. 2012, section 6.
 
-use faer::Mat;
 use pedicle_spectral::LaplaceBasis;
 
 use crate::{
@@ -18,6 +17,7 @@ use crate::{
     convert::{check_basis, check_map},
     correspondence::Correspondence,
     linear::nearest_orthogonal,
+    progress::{RefinementStep, Reporter},
 };
 
 /// How far and in which steps ZoomOut goes.
@@ -41,19 +41,6 @@ impl Default for ZoomOutOptions {
     }
 }
 
-/// One step of a refinement.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SpectralStep {
-    /// Number of functions of the source.
-    pub n_source: usize,
-    /// Number of functions of the target.
-    pub n_target: usize,
-    /// Share of the source vertices that are some target vertex's image.
-    pub coverage: f64,
-    /// Share of the target vertices whose image the step changed.
-    pub changed: f64,
-}
-
 /// A refined map.
 #[derive(Debug, Clone)]
 pub struct Refined {
@@ -62,7 +49,7 @@ pub struct Refined {
     /// The point map nearest to it.
     pub point_map: PointMap,
     /// One entry a point map computed, the last for `point_map`.
-    pub report: Vec<SpectralStep>,
+    pub report: Vec<RefinementStep>,
 }
 
 /// Refines a map from few functions to many.
@@ -75,6 +62,20 @@ pub fn zoomout(
     target: &LaplaceBasis,
     map: &FunctionalMap,
     options: &ZoomOutOptions,
+) -> Result<Refined, FmapError> {
+    zoomout_with_progress(source, target, map, options, &mut |_| {})
+}
+
+/// [`zoomout`] that calls back once an entry of its report.
+///
+/// # Errors
+/// Those of [`zoomout`].
+pub fn zoomout_with_progress(
+    source: &LaplaceBasis,
+    target: &LaplaceBasis,
+    map: &FunctionalMap,
+    options: &ZoomOutOptions,
+    progress: &mut dyn FnMut(&RefinementStep),
 ) -> Result<Refined, FmapError> {
     check_map(source, target, map)?;
     check_basis(source, Side::Source, options.n_source)?;
@@ -100,7 +101,8 @@ pub fn zoomout(
     let sizes = (options.n_target, options.n_source);
     let mut correspondence = Correspondence::new(source, target, sizes);
     let changed = correspondence.assign_step(current.as_ref());
-    let mut report = vec![step_report(&current, &correspondence, changed)];
+    let mut reporter = Reporter::new(progress);
+    reporter.push(correspondence.step(current.shape(), changed));
     for step in 1..=n_steps {
         let n_source = (start.1 + step * options.step).min(options.n_source);
         // In proportion to the source, and exact at the end.
@@ -111,12 +113,12 @@ pub fn zoomout(
         } else {
             correspondence.assign_step(current.as_ref())
         };
-        report.push(step_report(&current, &correspondence, changed));
+        reporter.push(correspondence.step(current.shape(), changed));
     }
     Ok(Refined {
         map: FunctionalMap { matrix: current },
         point_map: correspondence.point_map(),
-        report,
+        report: reporter.report,
     })
 }
 
@@ -130,16 +132,31 @@ pub fn spectral_icp(
     map: &FunctionalMap,
     n_rounds: usize,
 ) -> Result<Refined, FmapError> {
+    spectral_icp_with_progress(source, target, map, n_rounds, &mut |_| {})
+}
+
+/// [`spectral_icp`] that calls back once an entry of its report.
+///
+/// # Errors
+/// Those of [`spectral_icp`].
+pub fn spectral_icp_with_progress(
+    source: &LaplaceBasis,
+    target: &LaplaceBasis,
+    map: &FunctionalMap,
+    n_rounds: usize,
+    progress: &mut dyn FnMut(&RefinementStep),
+) -> Result<Refined, FmapError> {
     check_map(source, target, map)?;
     let size = (map.n_target(), map.n_source());
     let mut current = map.matrix.clone();
     let mut correspondence = Correspondence::new(source, target, size);
     let changed = correspondence.assign(current.as_ref());
-    let mut report = vec![step_report(&current, &correspondence, changed)];
+    let mut reporter = Reporter::new(progress);
+    reporter.push(correspondence.step(current.shape(), changed));
     for _ in 0..n_rounds {
         current = nearest_orthogonal(&correspondence.pulled_back(size))?;
         let changed = correspondence.assign(current.as_ref());
-        report.push(step_report(&current, &correspondence, changed));
+        reporter.push(correspondence.step(current.shape(), changed));
         if changed == 0 {
             break;
         }
@@ -147,17 +164,8 @@ pub fn spectral_icp(
     Ok(Refined {
         map: FunctionalMap { matrix: current },
         point_map: correspondence.point_map(),
-        report,
+        report: reporter.report,
     })
-}
-
-fn step_report(map: &Mat<f64>, correspondence: &Correspondence, n_changed: usize) -> SpectralStep {
-    SpectralStep {
-        n_source: map.ncols(),
-        n_target: map.nrows(),
-        coverage: correspondence.coverage(),
-        changed: n_changed as f64 / correspondence.n_target_vertices() as f64,
-    }
 }
 
 fn check_count(option: &'static str, value: usize) -> Result<(), FmapError> {
