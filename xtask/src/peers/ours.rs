@@ -12,15 +12,15 @@ use pedicle_descriptors::{
     wave_kernel_from_landmark, wave_kernel_signature,
 };
 use pedicle_fmap::{
-    FitOptions, FunctionalMap, OperatorColumns, Shape, ZoomOutOptions, fit,
-    point_map_from_functional, zoomout,
+    Embedding, FitOptions, FunctionalMap, OperatorColumns, Shape, ZoomOutOptions, fit,
+    point_map_from_functional, precise_map_from_functional, zoomout,
 };
-use pedicle_laplacian::Operators;
+use pedicle_laplacian::LaplaceOperators;
 use pedicle_mesh::{TriMesh, read_mesh};
 use pedicle_spectral::{EigenOptions, LaplaceBasis, laplace_basis};
 
 use super::job::{
-    DESCRIPTORS, EIGENPAIRS, FIT, FIT_BY_DEFAULT, Job, OPERATORS, Outcome, zoomout_name,
+    DESCRIPTORS, EIGENPAIRS, FIT, FIT_BY_DEFAULT, Job, OPERATORS, Outcome, PRECISE, zoomout_name,
 };
 use crate::XtaskError;
 use crate::measure::{Recorder, read_json, resident_mib};
@@ -51,14 +51,14 @@ pub(crate) fn failed<E: Display>(stage: &str) -> impl Fn(E) -> XtaskError {
 }
 
 /// W and M of a mesh, with the construction that both programs share.
-pub(crate) fn operators(mesh: &TriMesh) -> Result<Operators, XtaskError> {
+pub(crate) fn operators(mesh: &TriMesh) -> Result<LaplaceOperators, XtaskError> {
     operators_for(OperatorChoice::Cotangent, mesh)
         .map(|(operators, _)| operators)
         .map_err(failed(OPERATORS))
 }
 
 /// The first eigenfunctions.
-pub(crate) fn basis(operators: &Operators, n: usize) -> Result<LaplaceBasis, XtaskError> {
+pub(crate) fn basis(operators: &LaplaceOperators, n: usize) -> Result<LaplaceBasis, XtaskError> {
     let options = EigenOptions::default();
     laplace_basis(&operators.stiffness, &operators.mass, n, &options).map_err(failed(EIGENPAIRS))
 }
@@ -109,13 +109,13 @@ fn chain(job: &Job) -> Result<Outcome, XtaskError> {
     let mut record = Recorder::default();
 
     let made = record.run(OPERATORS, || -> Result<_, XtaskError> {
-        Ok([operators(&meshes[0])?, operators(&meshes[1])?])
+        let (a, b) = rayon::join(|| operators(&meshes[0]), || operators(&meshes[1]));
+        Ok([a?, b?])
     })?;
     let bases = record.run(EIGENPAIRS, || -> Result<_, XtaskError> {
-        Ok([
-            basis(&made[0], job.n_functions)?,
-            basis(&made[1], job.n_functions)?,
-        ])
+        let of = |side: usize| basis(&made[side], job.n_functions);
+        let (a, b) = rayon::join(|| of(0), || of(1));
+        Ok([a?, b?])
     })?;
     let functions = record.run(DESCRIPTORS, || {
         descriptors(&bases, &job.landmarks, job.n_wave)
@@ -145,6 +145,7 @@ fn chain(job: &Job) -> Result<Outcome, XtaskError> {
     }
 
     let start = leading(&fitted.map, job.n_start);
+    let mut last = start.clone();
     for &step in &job.steps {
         let name = zoomout_name(step);
         let growth = ZoomOutOptions {
@@ -158,7 +159,17 @@ fn chain(job: &Job) -> Result<Outcome, XtaskError> {
         outcome
             .maps
             .insert(name, refined.point_map.source_of_target);
+        last = refined.map;
     }
+    let precise = record
+        .run(PRECISE, || {
+            let pair = (&bases[0], &bases[1]);
+            precise_map_from_functional(&meshes[0], pair, &last, Embedding::Adjoint)
+        })
+        .map_err(failed(PRECISE))?;
+    let points = precise.positions(&meshes[0]).map_err(failed(PRECISE))?;
+    let points = points.iter().map(|p| [p.x, p.y, p.z]).collect();
+    outcome.points.insert(PRECISE.to_owned(), points);
     outcome.eigenvalues = bases.map(|basis| basis.eigenvalues).into();
     outcome.stages = record.stages;
     outcome

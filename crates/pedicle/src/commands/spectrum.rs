@@ -102,8 +102,9 @@ fn summary(found: &SpectrumFile) -> String {
     };
     format!(
         "{}: {} vertices, {} faces, area {:.6}, connected pieces {}\n\
-         operators: {}, mollification {:.2e} of the mean edge, {} negative weights, \
-         thinnest face {} (height {:.2e} of its longest edge)\n\
+         operators: {}, mollification {:.2e} of the mean edge, {} flips, {} negative weights\n\
+         met: {} faces without area, {} slivers, {} edges of three or more faces, {} faces and {} \
+         vertices left out\n\
          {n} eigenvalues, {certificate}\n{table}",
         found.mesh,
         found.n_vertices,
@@ -112,8 +113,12 @@ fn summary(found: &SpectrumFile) -> String {
         found.null_dimension,
         operators.construction,
         operators.relative_mollification,
+        operators.n_flips,
         operators.n_negative_weights,
-        operators.thinnest_face,
-        operators.thinnest_height_over_length,
+        operators.n_zero_area_faces,
+        operators.n_sliver_faces,
+        operators.n_non_manifold_edges,
+        operators.n_faces_left_out,
+        operators.n_unreferenced_vertices,
     )
 }

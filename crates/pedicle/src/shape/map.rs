@@ -19,6 +19,7 @@ use pedicle_fmap::{
     PointMap, PointMapPair, Shape, ZoomOutOptions, bcicp, fit, point_map_pair_from_functional,
     zoomout,
 };
+use pedicle_laplacian::{LaplaceOperators, OperatorError};
 use pedicle_mesh::TriMesh;
 use pedicle_spectral::{EigenOptions, LaplaceBasis, smallest_eigenpairs};
 use serde::{Deserialize, Serialize};
@@ -291,13 +292,19 @@ impl ShapeMap {
     }
 }
 
-type MadeOperators = (pedicle_laplacian::Operators, OperatorsEntry);
+type MadeOperators = (LaplaceOperators, OperatorsEntry);
 
 fn operators_of(shape: &NamedShape<'_>, choice: OperatorChoice) -> Result<MadeOperators, Error> {
-    operators_for(choice, shape.mesh).map_err(|error| Error::Operators {
+    let failed = |error| Error::Operators {
         path: shape.path.to_owned(),
         error,
-    })
+    };
+    let made = operators_for(choice, shape.mesh).map_err(failed)?;
+    // A vertex that is on no face lies nowhere on the shape, so it has no image.
+    match made.0.rows.row_of_vertex().iter().position(Option::is_none) {
+        Some(vertex) => Err(failed(OperatorError::UnreferencedVertex { vertex })),
+        None => Ok(made),
+    }
 }
 
 /// Eigenfunctions in the unit of the file, then everything scaled.

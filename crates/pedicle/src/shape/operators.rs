@@ -2,7 +2,7 @@
 
 use clap::ValueEnum;
 use pedicle_laplacian::{
-    Mollification, OperatorError, OperatorOptions, Operators, cotangent_operators,
+    Construction, LaplaceOperators, LaplaceOptions, OperatorError, Surface, laplace_operators,
 };
 use pedicle_mesh::TriMesh;
 use serde::{Deserialize, Serialize};
@@ -10,14 +10,14 @@ use serde::{Deserialize, Serialize};
 /// How the Laplacian of a surface is made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum OperatorChoice {
-    /// Cotangent weights of the faces as they are; faces without area are refused.
+    /// Cotangent weights of the faces as they are; faces without area and vertices without a face
+    /// are refused.
     Cotangent,
-    /// Cotangent weights after intrinsic mollification: one small length is added to every edge
-    /// where faces are slivers or without area.
+    /// Mollified lengths, tufted cover where three faces meet, intrinsic Delaunay flips.
     Robust,
 }
 
-/// What was done to make the operators, for the result files.
+/// What was met and done to make the operators, for the result files.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct OperatorsEntry {
     /// The construction, in words.
@@ -26,12 +26,20 @@ pub struct OperatorsEntry {
     pub mollification: f64,
     /// The same over the mean length of the edges.
     pub relative_mollification: f64,
+    /// Edges flipped, both sheets of a cover counted.
+    pub n_flips: usize,
     /// Edges whose weight has the wrong sign: they break the maximum principle, not the spectrum.
     pub n_negative_weights: usize,
-    /// The face of the smallest height over its longest edge, counted from 0.
-    pub thinnest_face: usize,
-    /// That height as a share of that edge; 0.87 for an equilateral face.
-    pub thinnest_height_over_length: f64,
+    /// Edges of three or more faces.
+    pub n_non_manifold_edges: usize,
+    /// Faces left out: copies of others, or with a corner twice.
+    pub n_faces_left_out: usize,
+    /// Faces without area.
+    pub n_zero_area_faces: usize,
+    /// Faces with an angle below 1 degree.
+    pub n_sliver_faces: usize,
+    /// Vertices of no face: they have no part in the spectrum.
+    pub n_unreferenced_vertices: usize,
 }
 
 /// The operators of a mesh: the only place that knows how a choice is carried out.
@@ -41,27 +49,37 @@ pub struct OperatorsEntry {
 pub fn operators_for(
     choice: OperatorChoice,
     mesh: &TriMesh,
-) -> Result<(Operators, OperatorsEntry), OperatorError> {
-    let (construction, mollification) = match choice {
-        OperatorChoice::Cotangent => ("cotangent", Mollification::Refuse),
+) -> Result<(LaplaceOperators, OperatorsEntry), OperatorError> {
+    let (words, construction) = match choice {
+        OperatorChoice::Cotangent => ("cotangent", Construction::Cotangent),
         OperatorChoice::Robust => (
-            "cotangent on intrinsically mollified lengths",
-            Mollification::intrinsic(),
+            "mollified lengths, tufted cover, intrinsic Delaunay",
+            Construction::Robust,
         ),
     };
-    let options = OperatorOptions {
-        mollification,
-        ..OperatorOptions::default()
+    let options = LaplaceOptions {
+        construction,
+        ..LaplaceOptions::default()
     };
-    let operators = cotangent_operators(mesh, &options)?;
-    let report = &operators.report;
+    let operators = laplace_operators(Surface::Mesh(mesh), &options)?;
+    if choice == OperatorChoice::Cotangent
+        && let Some(&vertex) = operators.report.defects.unreferenced_vertices.first()
+    {
+        let vertex = vertex as usize;
+        return Err(OperatorError::UnreferencedVertex { vertex });
+    }
+    let (report, defects) = (&operators.report, &operators.report.defects);
     let entry = OperatorsEntry {
-        construction: construction.to_owned(),
+        construction: words.to_owned(),
         mollification: report.mollification_mm,
         relative_mollification: report.relative_mollification,
+        n_flips: report.n_flips,
         n_negative_weights: report.n_negative_weights,
-        thinnest_face: report.thinnest_face,
-        thinnest_height_over_length: report.thinnest_height_over_length,
+        n_non_manifold_edges: defects.non_manifold_edges.len(),
+        n_faces_left_out: defects.repeated_index_faces.len() + defects.duplicate_faces.len(),
+        n_zero_area_faces: defects.zero_area_faces.len(),
+        n_sliver_faces: defects.sliver_faces.len(),
+        n_unreferenced_vertices: defects.unreferenced_vertices.len(),
     };
     Ok((operators, entry))
 }
