@@ -22,7 +22,7 @@ use crate::{
     linear::{add_product, add_scaled, dot, product},
     map::{check_finite, check_size},
     mask::laplacian_mask,
-    pairs::{FunctionPairs, multiplication_of, orientation_of},
+    pairs::{FunctionPairs, OperatorKind},
 };
 
 /// Weights of the terms of the energy; a weight of 0 leaves the term out.
@@ -120,6 +120,9 @@ pub struct Energy {
     /// Multiplication operators first, orientation operators after.
     pub(crate) commutators: Vec<Commutator>,
     n_multiplications: usize,
+    /// Σ w S Sᵀ and Σ w Tᵀ T over all commutators.
+    pub(crate) source_squares: Mat<f64>,
+    target_squares: Mat<f64>,
 }
 
 /// One term ½ w ‖C S - σ T C‖².
@@ -129,6 +132,8 @@ pub(crate) struct Commutator {
     pub(crate) source: Mat<f64>,
     pub(crate) target: Mat<f64>,
     pub(crate) sign: f64,
+    /// Whether S and T are symmetric.
+    pub(crate) is_symmetric: bool,
 }
 
 impl Energy {
@@ -167,14 +172,23 @@ impl Energy {
         let mut commutators = Vec::new();
         if weights.descriptor_commutativity > 0.0 {
             let weight = weights.descriptor_commutativity * share;
-            commutators.extend(pairs.commutators(weight, 1.0, multiplication_of));
+            commutators.extend(pairs.commutators(weight, 1.0, OperatorKind::Multiplication));
         }
         let n_multiplications = commutators.len();
         if weights.orientation > 0.0 {
             let weight = weights.orientation * share;
-            commutators.extend(pairs.commutators(weight, sign, orientation_of));
+            commutators.extend(pairs.commutators(weight, sign, OperatorKind::Orientation));
+        }
+        let mut source_squares = Mat::zeros(n_source, n_source);
+        let mut target_squares = Mat::zeros(n_target, n_target);
+        for commutator in &commutators {
+            let (s, t) = (commutator.source.as_ref(), commutator.target.as_ref());
+            add_product(&mut source_squares, commutator.weight, s, s.transpose());
+            add_product(&mut target_squares, commutator.weight, t.transpose(), t);
         }
         Ok(Self {
+            source_squares,
+            target_squares,
             descriptor_weight: weights.descriptors,
             source_coefficients: a,
             target_coefficients: b,
@@ -253,21 +267,20 @@ impl Energy {
             carried.as_ref(),
             a.transpose(),
         );
+        // (C S - σ T C) Sᵀ - σ Tᵀ (C S - σ T C) = C S Sᵀ + Tᵀ T C - σ (T C Sᵀ + Tᵀ C S)
+        add_product(&mut out, 1.0, c.as_ref(), self.source_squares.as_ref());
+        add_product(&mut out, 1.0, self.target_squares.as_ref(), c.as_ref());
         for commutator in &self.commutators {
-            let rest = commutator.residual(c);
-            let weight = commutator.weight;
-            add_product(
-                &mut out,
-                weight,
-                rest.as_ref(),
-                commutator.source.transpose(),
-            );
-            add_product(
-                &mut out,
-                -weight * commutator.sign,
-                commutator.target.transpose(),
-                rest.as_ref(),
-            );
+            let (s, t) = (commutator.source.as_ref(), commutator.target.as_ref());
+            let factor = -commutator.weight * commutator.sign;
+            let carried = product(c.as_ref(), s);
+            if commutator.is_symmetric {
+                add_product(&mut out, 2.0 * factor, t, carried.as_ref());
+            } else {
+                add_product(&mut out, factor, t.transpose(), carried.as_ref());
+                let carried = product(c.as_ref(), s.transpose());
+                add_product(&mut out, factor, t, carried.as_ref());
+            }
         }
         out
     }

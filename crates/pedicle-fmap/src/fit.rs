@@ -179,10 +179,7 @@ impl RowBlocks {
         // The same for every row: w_d A Aᵀ + Σ w S Sᵀ.
         let mut shared = Mat::zeros(n, n);
         add_product(&mut shared, energy.descriptor_weight, a, a.transpose());
-        for commutator in &energy.commutators {
-            let s = commutator.source.as_ref();
-            add_product(&mut shared, commutator.weight, s, s.transpose());
-        }
+        add_scaled(&mut shared, 1.0, &energy.source_squares);
         let factors = (0..n_rows)
             .map(|row| {
                 let mut block = shared.clone();

@@ -30,26 +30,64 @@ pub(crate) fn multiplication(functions: MatRef<'_, f64>, mass: &[f64], f: &[f64]
     product(functions.transpose(), weighted.as_ref())
 }
 
-/// Ω(f) for a function given at the vertices.
-pub(crate) fn orientation(functions: MatRef<'_, f64>, mesh: &TriMesh, f: &[f64]) -> Mat<f64> {
-    let k = functions.ncols();
-    let mut operator = Mat::zeros(k, k);
-    for faces in mesh.faces().chunks(FACES_PER_BLOCK) {
-        let mut sum = Mat::zeros(faces.len(), k);
-        let mut turned = Mat::zeros(faces.len(), k);
-        for j in 0..k {
-            let column = functions.col(j);
-            let sum = sum.col_as_slice_mut(j);
-            let turned = turned.col_as_slice_mut(j);
-            for (row, corners) in faces.iter().enumerate() {
-                let [a, b, c] = corners.map(|v| v as usize);
-                let (h_a, h_b, h_c) = (column[a], column[b], column[c]);
-                sum[row] = h_a + h_b + h_c;
-                turned[row] =
-                    (h_a * (f[c] - f[b]) + h_b * (f[a] - f[c]) + h_c * (f[b] - f[a])) / 6.0;
+/// The functions of a shape gathered face by face, for Ω of many functions.
+pub(crate) struct FaceFunctions<'a> {
+    mesh: &'a TriMesh,
+    /// Values at the three corners, n_faces × k each.
+    corners: [Mat<f64>; 3],
+    /// Their sums.
+    sums: Mat<f64>,
+}
+
+impl<'a> FaceFunctions<'a> {
+    pub(crate) fn new(functions: MatRef<'_, f64>, mesh: &'a TriMesh) -> Self {
+        let (n, k) = (mesh.n_faces(), functions.ncols());
+        let at = |corner: usize| {
+            let mut values = Mat::zeros(n, k);
+            for j in 0..k {
+                let column = functions.col(j);
+                let faces = values.col_as_slice_mut(j).iter_mut().zip(mesh.faces());
+                faces.for_each(|(value, face)| *value = column[face[corner] as usize]);
             }
+            values
+        };
+        let corners = [at(0), at(1), at(2)];
+        let sums = &corners[0] + &corners[1] + &corners[2];
+        Self {
+            mesh,
+            corners,
+            sums,
         }
-        add_product(&mut operator, 1.0, sum.transpose(), turned.as_ref());
     }
-    operator
+
+    /// Ω(f) for a function given at the vertices.
+    pub(crate) fn orientation(&self, f: &[f64]) -> Mat<f64> {
+        let (n, k) = self.sums.shape();
+        let faces = self.mesh.faces().iter();
+        let differences: Vec<[f64; 3]> = faces
+            .map(|face| {
+                let [a, b, c] = face.map(|v| f[v as usize]);
+                [(c - b) / 6.0, (a - c) / 6.0, (b - a) / 6.0]
+            })
+            .collect();
+        let mut operator = Mat::zeros(k, k);
+        for first in (0..n).step_by(FACES_PER_BLOCK) {
+            let count = FACES_PER_BLOCK.min(n - first);
+            let mut turned = Mat::zeros(count, k);
+            for j in 0..k {
+                let [a, b, c] = [0, 1, 2].map(|corner| {
+                    let column = self.corners[corner].col_as_slice(j);
+                    &column[first..first + count]
+                });
+                let differences = &differences[first..first + count];
+                let out = turned.col_as_slice_mut(j).iter_mut().zip(differences);
+                for (((value, d), h_a), (h_b, h_c)) in out.zip(a).zip(b.iter().zip(c)) {
+                    *value = h_a * d[0] + h_b * d[1] + h_c * d[2];
+                }
+            }
+            let sums = self.sums.subrows(first, count);
+            add_product(&mut operator, 1.0, sums.transpose(), turned.as_ref());
+        }
+        operator
+    }
 }

@@ -9,7 +9,7 @@
 //! pairs of operators, are mixed into their principal directions, and directions that hold less
 //! than [`NEGLIGIBLE`] of the largest are left out. Fifty signatures come down to about half.
 
-use faer::{Mat, Side as Triangle};
+use faer::{Mat, MatRef, Side as Triangle};
 use rayon::prelude::*;
 
 use crate::{
@@ -17,12 +17,12 @@ use crate::{
     convert::functions,
     energy::Commutator,
     linear::{add_scaled, dot, product},
-    operators::{multiplication, orientation},
+    operators::{FaceFunctions, multiplication},
 };
 
-/// Share of the largest squared norm below which a direction is left out: 3e-7 in norm, far below
+/// Share of the largest squared norm below which a direction is left out: 1e-6 in norm, far below
 /// what descriptors are known to, and above the rounding of the products that find it.
-const NEGLIGIBLE: f64 = 1e-13;
+const NEGLIGIBLE: f64 = 1e-12;
 
 /// Pairs of functions, mixed into their principal directions.
 pub(crate) struct FunctionPairs<'a> {
@@ -37,8 +37,39 @@ pub(crate) struct FunctionPairs<'a> {
     mixture: Mat<f64>,
 }
 
-/// An operator in the first functions of a basis, made from one function.
-type OperatorOf = fn(&Shape<'_>, usize, &[f64]) -> Mat<f64>;
+/// What is made of a function.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum OperatorKind {
+    /// M(f), symmetric.
+    Multiplication,
+    /// Ω(f).
+    Orientation,
+}
+
+/// Makes operators of functions on one shape.
+enum Maker<'a> {
+    Multiplication(MatRef<'a, f64>, &'a [f64]),
+    Orientation(FaceFunctions<'a>),
+}
+
+impl OperatorKind {
+    fn on<'a>(self, shape: &'a Shape<'a>, count: usize) -> Maker<'a> {
+        let functions = functions(shape.basis, count);
+        match self {
+            Self::Multiplication => Maker::Multiplication(functions, &shape.basis.mass),
+            Self::Orientation => Maker::Orientation(FaceFunctions::new(functions, shape.mesh)),
+        }
+    }
+}
+
+impl Maker<'_> {
+    fn of(&self, f: &[f64]) -> Mat<f64> {
+        match self {
+            Self::Multiplication(functions, mass) => multiplication(*functions, mass, f),
+            Self::Orientation(faces) => faces.orientation(f),
+        }
+    }
+}
 
 impl<'a> FunctionPairs<'a> {
     /// The pairs in some columns of the descriptors.
@@ -70,17 +101,18 @@ impl<'a> FunctionPairs<'a> {
         &self,
         weight: f64,
         sign: f64,
-        operator_of: OperatorOf,
+        kind: OperatorKind,
     ) -> Vec<Commutator> {
+        let (source_of, target_of) = (
+            kind.on(self.source, self.size.1),
+            kind.on(self.target, self.size.0),
+        );
         let pairs: Vec<(Mat<f64>, Mat<f64>)> = (0..self.mixture.nrows())
             .into_par_iter()
             .map(|i| {
                 let f = self.source_functions.col_as_slice(i);
                 let g = self.target_functions.col_as_slice(i);
-                (
-                    operator_of(self.source, self.size.1, f),
-                    operator_of(self.target, self.size.0, g),
-                )
+                (source_of.of(f), target_of.of(g))
             })
             .collect();
         let n = pairs.len();
@@ -120,6 +152,7 @@ impl<'a> FunctionPairs<'a> {
                 source,
                 target,
                 sign,
+                is_symmetric: kind == OperatorKind::Multiplication,
             }
         };
         (0..mixed.ncols()).into_par_iter().map(mix).collect()
@@ -140,14 +173,4 @@ fn principal_directions(gram: &Mat<f64>) -> Mat<f64> {
         .filter(|&i| values[i] > NEGLIGIBLE * largest)
         .collect();
     Mat::from_fn(n, kept.len(), |i, j| eigen.U()[(i, kept[j])])
-}
-
-/// M(f) in the first functions of a shape.
-pub(crate) fn multiplication_of(shape: &Shape<'_>, count: usize, f: &[f64]) -> Mat<f64> {
-    multiplication(functions(shape.basis, count), &shape.basis.mass, f)
-}
-
-/// Ω(f) in the first functions of a shape.
-pub(crate) fn orientation_of(shape: &Shape<'_>, count: usize, f: &[f64]) -> Mat<f64> {
-    orientation(functions(shape.basis, count), shape.mesh, f)
 }
