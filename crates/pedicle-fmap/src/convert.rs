@@ -80,6 +80,21 @@ pub(crate) fn nearest_point_map(
     }
 }
 
+/// The nearest row of Φ_source Cᵀ to rows of Φ_target, where everything has been checked: what a
+/// refinement takes, as it gives less weight to frequencies at which C loses norm.
+pub(crate) fn nearest_adjoint_point_map(
+    source: &LaplaceBasis,
+    target: &LaplaceBasis,
+    map: &FunctionalMap,
+) -> PointMap {
+    let rows = functions(source, map.n_source());
+    let carried = product(rows, map.matrix.transpose());
+    PointMap {
+        source_of_target: nearest_rows(functions(target, map.n_target()), carried.as_ref()),
+        n_source_vertices: source.n_vertices(),
+    }
+}
+
 /// [`functional_from_point_map`] where everything has been checked.
 pub(crate) fn pulled_back(
     source: &LaplaceBasis,

@@ -22,7 +22,7 @@ use pedicle_spectral::LaplaceBasis;
 use crate::{
     FmapError, FunctionalMap, PointMap, PointMapPair, QualityAt, RefinementStep, SampleDistance,
     Samples, Shape,
-    convert::{nearest_point_map, pulled_back},
+    convert::{nearest_adjoint_point_map, pulled_back},
     farthest_point_samples,
     growth::Growth,
     linear::product,
@@ -164,7 +164,7 @@ fn between_all_vertices(
     quality: QualityAt,
 ) -> Result<(PointMap, RefinementStep), FmapError> {
     let (s, t) = (source.basis, target.basis);
-    let point_map = nearest_point_map(s, t, map);
+    let point_map = nearest_adjoint_point_map(s, t, map);
     let size = (map.n_target(), map.n_source());
     let pulled = pulled_back(s, t, &point_map, size).matrix;
     let energy = map_energy(s, t, &point_map, (&pulled, size.0, size.1));
@@ -178,7 +178,7 @@ fn between_all_vertices(
     };
     if quality.wanted(true) {
         let maps = PointMapPair {
-            source_to_target: nearest_point_map(t, s, &map.adjoint()),
+            source_to_target: nearest_adjoint_point_map(t, s, &map.adjoint()),
             target_to_source: point_map.clone(),
         };
         step.quality = Some(map_quality(source.mesh, target.mesh, &maps)?);
@@ -231,10 +231,10 @@ impl Sampled {
     /// The nearest source sample of every target sample.
     fn nearest(&self, map: &FunctionalMap) -> PointMap {
         let target_rows = self.target_rows.subcols(0, map.n_target());
-        let carried = product(target_rows, map.matrix.as_ref());
         let source_rows = self.source_rows.subcols(0, map.n_source());
+        let carried = product(source_rows, map.matrix.transpose());
         PointMap {
-            source_of_target: nearest_rows(carried.as_ref(), source_rows),
+            source_of_target: nearest_rows(target_rows, carried.as_ref()),
             n_source_vertices: self.source_rows.nrows(),
         }
     }
