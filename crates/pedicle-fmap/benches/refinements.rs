@@ -16,8 +16,9 @@ use animal::{Animal, Pose};
 use bent::Bent;
 use criterion::{Criterion, criterion_group, criterion_main};
 use pedicle_fmap::{
-    BcicpOptions, BijectiveZoomOutOptions, PointMapPair, QualityAt, SubsampledZoomOutOptions,
-    bcicp, map_quality, mean_error_over_sqrt_area, zoomout_bijective, zoomout_subsampled,
+    BcicpOptions, BijectiveZoomOutOptions, FitOptions, PointMapPair, QualityAt,
+    SubsampledZoomOutOptions, ZoomOutOptions, bcicp, fit, map_quality, mean_error_over_sqrt_area,
+    zoomout, zoomout_bijective, zoomout_subsampled,
 };
 
 fn refinements(criterion: &mut Criterion) {
@@ -37,6 +38,26 @@ fn refinements(criterion: &mut Criterion) {
     };
     let mut group = criterion.benchmark_group("bent animal, 5000 vertices");
     group.sample_size(10);
+
+    let options = FitOptions::default();
+    let run = || fit(&s, &t, &options).unwrap();
+    let found = run();
+    println!(
+        "fit: gradient {:.1e} after {} iterations",
+        found.gradient_norm, found.iterations
+    );
+    group.bench_function("fit", |b| b.iter(run));
+
+    let options = ZoomOutOptions {
+        step: 1,
+        n_source: 120,
+        n_target: 120,
+    };
+    let run = || zoomout(s.basis, t.basis, &first, &options).unwrap();
+    let found = run().point_map;
+    let error = mean_error_over_sqrt_area(s.mesh, t.mesh, &found, &pair.truth).unwrap();
+    println!("ZoomOut in steps of 1: error {error:.4} of √area");
+    group.bench_function("ZoomOut in steps of 1", |b| b.iter(run));
 
     print("nearest true vertex", &pair.true_maps());
     let run = || bcicp(&s, &t, &first, &BcicpOptions::default()).unwrap();

@@ -1,9 +1,15 @@
 //! Refinements in the spectrum: ZoomOut and spectral iterated closest points.
 //!
 //! ```text
+//! T_C(y)         = argmin_x | Φ_target(y, ·) - (Φ_source Cᵀ)(x, ·) |²
 //! ZoomOut        T_k from C_k,  C_{k+step} = Φ_targetᵀ M_target Π_k Φ_source, and so on
 //! spectral ICP   T from C,      C = U Vᵀ of Φ_targetᵀ M_target Π Φ_source
 //! ```
+//!
+//! C carries the rows of the source, as in the paper. The other way round, with the rows of
+//! Φ_target C, images crowd where rows of the source are short, and errors double under noise.
+//! Steps move few images, so ZoomOut searches everywhere only each time the target's functions
+//! have grown by a third, and at the end; in between it looks among what came near then.
 //!
 //! The number of functions of the source grows from that of the first map to `n_source` by `step`;
 //! that of the target grows in proportion, so a rectangular map for a part stays rectangular.
