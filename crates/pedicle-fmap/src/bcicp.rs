@@ -21,7 +21,7 @@ use faer::Mat;
 
 use crate::{
     FmapError, FunctionalMap, PointMap, PointMapPair, RefinementStep, Shape, Side,
-    convert::{check_basis, functions, point_map_pair_from_functional, pulled_back},
+    convert::{check_basis, check_map, functions, nearest_adjoint_point_map, pulled_back},
     joint::{joint_embedding, nearest_pair},
     linear::nearest_orthogonal,
     map::check_size,
@@ -108,7 +108,12 @@ pub fn bcicp_with_progress(
     options: &BcicpOptions,
     progress: &mut dyn FnMut(&RefinementStep),
 ) -> Result<Bcicp, FmapError> {
-    let maps = point_map_pair_from_functional(source.basis, target.basis, initial)?;
+    check_map(source.basis, target.basis, initial)?;
+    let (s, t) = (source.basis, target.basis);
+    let maps = PointMapPair {
+        target_to_source: nearest_adjoint_point_map(s, t, initial),
+        source_to_target: nearest_adjoint_point_map(t, s, &initial.adjoint()),
+    };
     bcicp_from_point_maps_with_progress(source, target, &maps, options, progress)
 }
 

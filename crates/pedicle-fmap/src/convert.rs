@@ -19,6 +19,8 @@ use crate::{
 
 /// The point map nearest to a functional map: the nearest row of Φ_source to rows of Φ_target C.
 ///
+/// Refinements take the other form, [`point_map_from_adjoint`](crate::point_map_from_adjoint).
+///
 /// # Errors
 /// [`FmapError`] if a basis has fewer functions than the map, or a number is not finite.
 pub fn point_map_from_functional(

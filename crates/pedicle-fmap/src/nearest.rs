@@ -96,7 +96,7 @@ pub(crate) fn search(
         });
 }
 
-/// The search for some queries, compiled for the widest registers there are.
+/// The search for some queries, compiled for wide registers where the processor has them.
 struct Batch<'a> {
     tree: &'a BallTree,
     /// One a column.
@@ -126,10 +126,9 @@ impl pulp::WithSimd for Batch<'_> {
                 None => leaf_with_nearest_centre(tree, query),
             };
             best.measure(tree, leaf, query, 1.0);
-            if search == Search::Remembered {
-                for &leaf in &known[i].near {
-                    best.measure(tree, leaf as usize, query, 1.0);
-                }
+            // In a whole search they only help to see sooner what need not be measured.
+            for &leaf in &known[i].near {
+                best.measure(tree, leaf as usize, query, 1.0);
             }
         }
         match search {
@@ -329,6 +328,7 @@ impl Best {
 #[inline(always)]
 fn column(columns: MatRef<'_, f64>, j: usize) -> &[f64] {
     let column = columns.col(j).try_as_col_major();
+    debug_assert!(column.is_some(), "matrices are stored by columns");
     column.map_or(&[], |column| column.as_slice())
 }
 
@@ -383,7 +383,7 @@ mod tests {
 
     #[test]
     fn rows_far_from_the_origin_keep_their_digits() {
-        // Differences of 1e-3 at 1e6: the expansion alone has lost them.
+        // Differences of 1e-3 at 1e6: |q|² - 2 q·r + |r|² would have lost them.
         let small = numbers(600, 5, 4);
         let far = Mat::from_fn(600, 5, |i, j| 1e6 + 1e-3 * small[(i, j)]);
         let identity: Vec<u32> = (0..600).collect();

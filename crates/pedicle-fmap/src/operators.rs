@@ -19,7 +19,7 @@ use pedicle_mesh::TriMesh;
 
 use crate::linear::{add_product, product};
 
-/// Faces whose rows are held at a time: bounds the memory, fixes the order of summation.
+/// Faces a product takes: they stay in the cache, and the order of summation is fixed.
 const FACES_PER_BLOCK: usize = 2048;
 
 /// M(f) for a function given at the vertices.
@@ -30,7 +30,7 @@ pub(crate) fn multiplication(functions: MatRef<'_, f64>, mass: &[f64], f: &[f64]
     product(functions.transpose(), weighted.as_ref())
 }
 
-/// The functions of a shape gathered face by face, for Ω of many functions.
+/// The functions of a shape gathered face by face, for Ω of many functions: 32 k bytes a face.
 pub(crate) struct FaceFunctions<'a> {
     mesh: &'a TriMesh,
     /// Values at the three corners, n_faces × k each.

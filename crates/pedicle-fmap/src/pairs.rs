@@ -83,7 +83,17 @@ impl<'a> FunctionPairs<'a> {
                 shape.descriptors[(i, columns[p])]
             })
         };
-        let (f, g) = (choose(source), choose(target));
+        let (mut f, mut g) = (choose(source), choose(target));
+        // The scale of a pair is no matter: its operators are divided by their norm later.
+        for p in 0..columns.len() {
+            let norm = f.col(p).norm_l2().hypot(g.col(p).norm_l2());
+            if norm > 0.0 {
+                for functions in [&mut f, &mut g] {
+                    let column = functions.col_as_slice_mut(p);
+                    column.iter_mut().for_each(|value| *value /= norm);
+                }
+            }
+        }
         let gram = product(f.transpose(), f.as_ref()) + product(g.transpose(), g.as_ref());
         let directions = principal_directions(&gram);
         Self {

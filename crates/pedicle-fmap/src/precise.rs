@@ -17,7 +17,7 @@ use pedicle_spectral::LaplaceBasis;
 
 use crate::{
     FmapError, FunctionalMap, PointMap, Side,
-    convert::{check_basis, check_map, functions, point_map_from_functional},
+    convert::{check_basis, check_map, functions, nearest_adjoint_point_map},
     linear::product,
     map::check_size,
     nearest_triangle::{Triangles, nearest_in_space},
@@ -285,18 +285,7 @@ pub fn point_map_from_adjoint(
     map: &FunctionalMap,
 ) -> Result<PointMap, FmapError> {
     check_map(source, target, map)?;
-    let k = map.n_target();
-    // The embedded source takes the place of a basis: with C = I the rows are compared as they are.
-    let embedded = LaplaceBasis {
-        eigenvalues: vec![0.0; k],
-        eigenfunctions: carried_by_adjoint(source, map),
-        mass: source.mass.clone(),
-        null_dimension: 0,
-    };
-    let identity = FunctionalMap {
-        matrix: Mat::identity(k, k),
-    };
-    point_map_from_functional(&embedded, target, &identity)
+    Ok(nearest_adjoint_point_map(source, target, map))
 }
 
 /// The functional map of a precise map in the first `n_source` and `n_target` functions.

@@ -59,7 +59,7 @@ pub struct MapQuality {
 pub enum QualityAt {
     /// At no step.
     Never,
-    /// At the last step alone: costs next to nothing.
+    /// At the last step alone: costs next to nothing where the way back is known.
     #[default]
     LastStep,
     /// At every step: costs a map back and a pass over the edges each.

@@ -1,7 +1,7 @@
 //! ZoomOut on samples of both shapes.
 //!
 //! ```text
-//! T on samples   nearest row of Q_s Φ_s to rows of Q_t Φ_t C            Q picks the sampled rows
+//! T on samples   nearest row of Q_s Φ_s Cᵀ to rows of Q_t Φ_t           Q picks the sampled rows
 //! C_{k+step}     = argmin Σ_{samples y} a_y |(Φ_t C)(y, ·) - Φ_s(T(y), ·)|²
 //! ```
 //!

@@ -25,7 +25,8 @@ const MAX_FLIPS_PER_SIDE: usize = 64;
 pub(crate) struct Flips {
     /// Number of flips.
     pub(crate) n_flips: usize,
-    /// Edges that are not Delaunay at the end: 0 unless a flip would have made a face without area.
+    /// Edges that are not Delaunay at the end: 0 unless a flip would have made a face without
+    /// area or the work was cut off.
     pub(crate) n_left: usize,
 }
 

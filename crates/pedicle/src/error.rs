@@ -147,6 +147,14 @@ pub enum Error {
         /// Why.
         error: pedicle_mesh::MeshError,
     },
+    /// A shape could not be brought to unit area.
+    #[error("{} cannot be brought to unit area: {error}", path.display())]
+    Scaled {
+        /// The mesh.
+        path: PathBuf,
+        /// Why.
+        error: pedicle_mesh::MeshError,
+    },
     /// A result would go to a file of another kind.
     #[error("{}: the extension should be {expected}", path.display())]
     Extension {

@@ -224,3 +224,29 @@ fn orientation_tells_a_map_from_its_mirror_image() {
     assert!(at(OrientationBehaviour::Reversing) < 1e-12);
     assert!(at(OrientationBehaviour::Preserving) > 1e-3);
 }
+
+#[test]
+fn the_scale_of_a_pair_of_descriptors_does_not_matter_to_its_operators() {
+    let (mut source, mut target) = rectangular_pair();
+    let c = some_matrix(17, 13, 3);
+    let options = options(EnergyWeights::default());
+    let terms = |source: &Owned, target: &Owned| {
+        let energy = Energy::new(&source.shape(), &target.shape(), &options).unwrap();
+        energy.value(&c)
+    };
+    let before = terms(&source, &target);
+    for shape in [&mut source, &mut target] {
+        let column = shape.descriptors.col_as_slice_mut(8);
+        column.iter_mut().for_each(|value| *value *= 1e-8);
+    }
+    let after = terms(&source, &target);
+    for (a, b) in [
+        (
+            before.descriptor_commutativity,
+            after.descriptor_commutativity,
+        ),
+        (before.orientation, after.orientation),
+    ] {
+        assert!((a - b).abs() < 1e-9 * a, "{a} against {b}");
+    }
+}

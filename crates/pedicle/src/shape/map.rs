@@ -16,11 +16,11 @@ use pedicle_descriptors::{
 };
 use pedicle_fmap::{
     BcicpOptions, EnergyWeights, Fit, FitOptions, FmapError, FunctionalMap, OrientationBehaviour,
-    PointMap, PointMapPair, Shape, ZoomOutOptions, bcicp, fit, point_map_pair_from_functional,
-    zoomout,
+    PointMap, PointMapPair, Shape, ZoomOutOptions, bcicp_from_point_maps, fit,
+    point_map_from_adjoint, zoomout,
 };
 use pedicle_laplacian::{LaplaceOperators, OperatorError};
-use pedicle_mesh::TriMesh;
+use pedicle_mesh::{MeshError, TriMesh};
 use pedicle_spectral::{EigenOptions, LaplaceBasis, smallest_eigenpairs};
 use serde::{Deserialize, Serialize};
 
@@ -252,20 +252,21 @@ pub fn map_shapes(
     };
     let start = leading(&fitted.map, options.n_start);
     let refined = zoomout(&source.basis, &target.basis, &start, &growth).map_err(map_failed)?;
+    let back = refined.map.adjoint();
     let mut maps = PointMapPair {
         target_to_source: refined.point_map,
-        ..point_map_pair_from_functional(&source.basis, &target.basis, &refined.map)
-            .map_err(map_failed)?
+        source_to_target: point_map_from_adjoint(&target.basis, &source.basis, &back)
+            .map_err(map_failed)?,
     };
     seconds.zoomout = clock.elapsed().as_secs_f64();
 
     if options.refinement == Refinement::Bcicp {
         progress(MapStage::Bcicp);
         let clock = Instant::now();
-        let both = bcicp(
+        let both = bcicp_from_point_maps(
             &source_shape,
             &target_shape,
-            &refined.map,
+            &maps,
             &BcicpOptions::default(),
         )
         .map_err(map_failed)?;
@@ -335,7 +336,10 @@ fn prepare(
     if options.scale == Scale::UnitArea {
         // x → x/√A:  λ → A λ,  M → M/A,  φ → √A φ.
         let length = area.sqrt();
-        mesh = scaled(&mesh, 1.0 / length);
+        mesh = scaled(&mesh, 1.0 / length).map_err(|error| Error::Scaled {
+            path: shape.path.to_owned(),
+            error,
+        })?;
         basis
             .eigenvalues
             .iter_mut()
@@ -353,15 +357,14 @@ fn prepare(
 }
 
 /// The mesh with its centroid at the origin, so that no digits are lost, times a factor.
-fn scaled(mesh: &TriMesh, factor: f64) -> TriMesh {
+fn scaled(mesh: &TriMesh, factor: f64) -> Result<TriMesh, MeshError> {
     let center = mesh.centroid();
     let vertices = mesh
         .vertices()
         .iter()
         .map(|p| Point3::from((p - center) * factor))
         .collect();
-    // Finite vertices of a valid mesh stay finite unless the factor is absurd; then keep the mesh.
-    TriMesh::new(vertices, mesh.faces().to_vec()).unwrap_or_else(|_| mesh.clone())
+    TriMesh::new(vertices, mesh.faces().to_vec())
 }
 
 fn shape<'a>(prepared: &'a PreparedShape, descriptors: &'a Mat<f64>) -> Shape<'a> {
