@@ -22,6 +22,7 @@ use rayon::prelude::*;
 
 use crate::GeodesicError;
 use crate::error::check_vertices;
+use crate::pairs::{grouped_by_source, in_order_of_pairs};
 
 /// What paths may follow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -152,11 +153,7 @@ impl EdgeGraph {
     /// [`GeodesicError`] if a vertex does not exist.
     pub fn distances_between(&self, pairs: &[(u32, u32)]) -> Result<Vec<f64>, GeodesicError> {
         check_vertices(pairs.iter().flat_map(|&(a, b)| [a, b]), self.n_vertices())?;
-        let mut order: Vec<u32> = (0..pairs.len() as u32).collect();
-        order.sort_unstable_by_key(|&i| (pairs[i as usize], i));
-        let groups: Vec<&[u32]> = order
-            .chunk_by(|&i, &j| pairs[i as usize].0 == pairs[j as usize].0)
-            .collect();
+        let groups = grouped_by_source(pairs);
         let answers: Vec<Vec<f64>> = groups
             .par_iter()
             .map_init(
@@ -171,13 +168,7 @@ impl EdgeGraph {
                 },
             )
             .collect();
-        let mut distances = vec![0.0; pairs.len()];
-        for (group, answer) in groups.iter().zip(answers) {
-            for (&i, distance) in group.iter().zip(answer) {
-                distances[i as usize] = distance;
-            }
-        }
-        Ok(distances)
+        Ok(in_order_of_pairs(&groups, answers.into_iter().flatten()))
     }
 
     fn links(&self, vertex: u32) -> impl Iterator<Item = (u32, f64)> + '_ {

@@ -35,6 +35,7 @@ use sprs::CsMat;
 
 use crate::GeodesicError;
 use crate::error::check_vertices;
+use crate::pairs::{grouped_by_source, in_order_of_pairs};
 
 /// Queries that share a pass over the factors.
 const QUERIES_PER_BLOCK: usize = 8;
@@ -197,11 +198,7 @@ impl HeatGeodesics {
     /// [`GeodesicError`] if a vertex does not exist.
     pub fn distances_between(&self, pairs: &[(u32, u32)]) -> Result<Vec<f64>, GeodesicError> {
         check_vertices(pairs.iter().flat_map(|&(a, b)| [a, b]), self.n_vertices())?;
-        let mut order: Vec<u32> = (0..pairs.len() as u32).collect();
-        order.sort_unstable_by_key(|&i| (pairs[i as usize], i));
-        let groups: Vec<&[u32]> = order
-            .chunk_by(|&i, &j| pairs[i as usize].0 == pairs[j as usize].0)
-            .collect();
+        let groups = grouped_by_source(pairs);
         let answers: Vec<Vec<f64>> = groups
             .par_chunks(QUERIES_PER_BLOCK)
             .map(|block| {
@@ -217,11 +214,7 @@ impl HeatGeodesics {
                 answer
             })
             .collect();
-        let mut distances = vec![0.0; pairs.len()];
-        for (&i, distance) in order.iter().zip(answers.into_iter().flatten()) {
-            distances[i as usize] = distance;
-        }
-        Ok(distances)
+        Ok(in_order_of_pairs(&groups, answers.into_iter().flatten()))
     }
 
     /// One column of distances for every set of sources.

@@ -42,6 +42,7 @@
 mod error;
 mod graph;
 mod heat;
+mod pairs;
 
 pub use error::GeodesicError;
 pub use graph::{EdgeGraph, Links};

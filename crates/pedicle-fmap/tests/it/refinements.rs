@@ -3,9 +3,10 @@
 use faer::Mat;
 use pedicle_fmap::{
     BcicpOptions, BijectiveZoomOutOptions, FitOptions, FmapError, FunctionalMap, QualityAt,
-    RefinementStep, SampleDistance, SubsampledZoomOutOptions, bcicp, bcicp_with_progress,
-    farthest_point_samples, fit, map_quality, mean_error_over_sqrt_area, zoomout_bijective,
-    zoomout_bijective_with_progress, zoomout_subsampled, zoomout_subsampled_with_progress,
+    RefinementStep, SampleDistance, SubsampledZoomOutOptions, bcicp, bcicp_from_point_maps,
+    bcicp_with_progress, farthest_point_samples, fit, map_quality, mean_error_over_sqrt_area,
+    point_map_pair_from_functional, zoomout_bijective, zoomout_bijective_with_progress,
+    zoomout_subsampled, zoomout_subsampled_with_progress,
 };
 
 use crate::{
@@ -144,7 +145,9 @@ fn a_bent_animal_meshed_anew_is_recovered() {
     assert!(coupled < 0.016, "{coupled}");
     assert!(quality.bijectivity_error < 0.009, "{quality:?}");
 
-    let refined = bcicp(&s, &t, &rough, &BcicpOptions::default()).unwrap();
+    // From the rougher of the two kinds of point map.
+    let start = point_map_pair_from_functional(s.basis, t.basis, &rough).unwrap();
+    let refined = bcicp_from_point_maps(&s, &t, &start, &BcicpOptions::default()).unwrap();
     let (before, after) = (
         refined.report[0].quality.unwrap(),
         refined.report.last().unwrap().quality.unwrap(),
