@@ -18,11 +18,12 @@ use faer::Mat;
 
 use crate::{
     FitOptions, FmapError, LaplacianMask, Shape, Side,
+    commutators::{CommutatorHessian, Commutators},
     convert::{check_basis, functions},
     linear::{add_product, add_scaled, dot, product},
     map::{check_finite, check_size},
     mask::laplacian_mask,
-    pairs::{FunctionPairs, OperatorKind},
+    pairs::{CommutatorOptions, commutators},
 };
 
 /// Weights of the terms of the energy; a weight of 0 leaves the term out.
@@ -117,23 +118,10 @@ pub struct Energy {
     laplacian_weight: f64,
     mask: Mat<f64>,
     norm_weight: f64,
-    /// Multiplication operators first, orientation operators after.
-    pub(crate) commutators: Vec<Commutator>,
-    n_multiplications: usize,
-    /// Σ w S Sᵀ and Σ w Tᵀ T over all commutators.
-    pub(crate) source_squares: Mat<f64>,
-    target_squares: Mat<f64>,
-}
-
-/// One term ½ w ‖C S - σ T C‖².
-#[derive(Debug, Clone)]
-pub(crate) struct Commutator {
-    pub(crate) weight: f64,
-    pub(crate) source: Mat<f64>,
-    pub(crate) target: Mat<f64>,
-    pub(crate) sign: f64,
-    /// Whether S and T are symmetric.
-    pub(crate) is_symmetric: bool,
+    multiplications: Option<Commutators>,
+    orientations: Option<Commutators>,
+    /// None if there are no commutators.
+    pub(crate) commutator_hessian: Option<CommutatorHessian>,
 }
 
 impl Energy {
@@ -168,27 +156,20 @@ impl Energy {
             OrientationBehaviour::Reversing => -1.0,
         };
         let share = 1.0 / columns.len() as f64;
-        let pairs = FunctionPairs::new((source, target), (n_target, n_source), &columns);
-        let mut commutators = Vec::new();
-        if weights.descriptor_commutativity > 0.0 {
-            let weight = weights.descriptor_commutativity * share;
-            commutators.extend(pairs.commutators(weight, 1.0, OperatorKind::Multiplication));
-        }
-        let n_multiplications = commutators.len();
-        if weights.orientation > 0.0 {
-            let weight = weights.orientation * share;
-            commutators.extend(pairs.commutators(weight, sign, OperatorKind::Orientation));
-        }
-        let mut source_squares = Mat::zeros(n_source, n_source);
-        let mut target_squares = Mat::zeros(n_target, n_target);
-        for commutator in &commutators {
-            let (s, t) = (commutator.source.as_ref(), commutator.target.as_ref());
-            add_product(&mut source_squares, commutator.weight, s, s.transpose());
-            add_product(&mut target_squares, commutator.weight, t.transpose(), t);
-        }
+        let [multiplications, orientations] = commutators(
+            (source, target),
+            &CommutatorOptions {
+                size: (n_target, n_source),
+                columns: &columns,
+                multiplication: weights.descriptor_commutativity * share,
+                orientation: weights.orientation * share,
+                sign,
+            },
+        );
+        let all: Vec<&Commutators> = [&multiplications, &orientations].into_iter().flatten().collect();
+        let hessian = CommutatorHessian::new(&all, (n_target, n_source));
         Ok(Self {
-            source_squares,
-            target_squares,
+            commutator_hessian: (!all.is_empty()).then_some(hessian),
             descriptor_weight: weights.descriptors,
             source_coefficients: a,
             target_coefficients: b,
@@ -200,8 +181,8 @@ impl Energy {
                 options.mask,
             ),
             norm_weight: weights.norm / n_source as f64,
-            commutators,
-            n_multiplications,
+            multiplications,
+            orientations,
         })
     }
 
@@ -225,19 +206,14 @@ impl Energy {
             let pairs = self.mask.col_as_slice(j).iter().zip(c.col_as_slice(j));
             masked += pairs.map(|(d, x)| d * x * x).sum::<f64>();
         }
-        let (multiplications, orientations) = self.commutators.split_at(self.n_multiplications);
-        let commutator_energy = |commutators: &[Commutator]| -> f64 {
-            let parts = commutators.iter().map(|commutator| {
-                let rest = commutator.residual(c);
-                0.5 * commutator.weight * dot(&rest, &rest)
-            });
-            parts.sum()
+        let of = |commutators: &Option<Commutators>| {
+            commutators.as_ref().map_or(0.0, |some| some.energy(c))
         };
         EnergyTerms {
             descriptors: 0.5 * self.descriptor_weight * dot(&misfit, &misfit),
             laplacian: 0.5 * self.laplacian_weight * masked,
-            descriptor_commutativity: commutator_energy(multiplications),
-            orientation: commutator_energy(orientations),
+            descriptor_commutativity: of(&self.multiplications),
+            orientation: of(&self.orientations),
             norm: 0.5 * self.norm_weight * dot(c, c),
         }
     }
@@ -267,20 +243,8 @@ impl Energy {
             carried.as_ref(),
             a.transpose(),
         );
-        // (C S - σ T C) Sᵀ - σ Tᵀ (C S - σ T C) = C S Sᵀ + Tᵀ T C - σ (T C Sᵀ + Tᵀ C S)
-        add_product(&mut out, 1.0, c.as_ref(), self.source_squares.as_ref());
-        add_product(&mut out, 1.0, self.target_squares.as_ref(), c.as_ref());
-        for commutator in &self.commutators {
-            let (s, t) = (commutator.source.as_ref(), commutator.target.as_ref());
-            let factor = -commutator.weight * commutator.sign;
-            let carried = product(c.as_ref(), s);
-            if commutator.is_symmetric {
-                add_product(&mut out, 2.0 * factor, t, carried.as_ref());
-            } else {
-                add_product(&mut out, factor, t.transpose(), carried.as_ref());
-                let carried = product(c.as_ref(), s.transpose());
-                add_product(&mut out, factor, t, carried.as_ref());
-            }
+        if let Some(commutators) = &self.commutator_hessian {
+            commutators.add_times(c, &mut out);
         }
         out
     }
@@ -309,15 +273,6 @@ impl Energy {
             self.size(),
             "C: k_target × k_source"
         );
-    }
-}
-
-impl Commutator {
-    /// C S - σ T C.
-    fn residual(&self, c: &Mat<f64>) -> Mat<f64> {
-        let mut rest = product(c.as_ref(), self.source.as_ref());
-        add_product(&mut rest, -self.sign, self.target.as_ref(), c.as_ref());
-        rest
     }
 }
 

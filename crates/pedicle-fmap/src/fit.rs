@@ -11,12 +11,17 @@
 //! one block a row of C: for a commutator with S and T it is
 //! (S - σ T_ii)(S - σ T_ii)ᵀ + Σ_{j≠i} T_ji².
 
-use faer::{Mat, Side as Triangle, linalg::solvers::Llt, prelude::Solve};
+use faer::{
+    Mat, Side as Triangle,
+    linalg::solvers::{DenseSolveCore, Llt},
+    prelude::Solve,
+};
+use rayon::prelude::*;
 
 use crate::{
     Energy, EnergyTerms, EnergyWeights, FmapError, FunctionalMap, LaplacianMask, OperatorColumns,
     OrientationBehaviour, Shape,
-    linear::{add_product, add_scaled, dot},
+    linear::{add_product, add_scaled, dot, set_product},
 };
 
 /// How a map is fitted.
@@ -113,10 +118,15 @@ pub fn minimize(energy: &Energy, tolerance: f64, max_iterations: usize) -> Resul
     }
     let blocks = RowBlocks::new(energy)?;
     let mut c = blocks.solve(&right_side);
-    let (iterations, termination) = if energy.commutators.is_empty() {
+    let (iterations, termination) = if energy.commutator_hessian.is_none() {
         (0, FitTermination::Direct)
     } else {
-        conjugate_gradients(energy, &blocks, &mut c, (tolerance * scale, max_iterations))
+        conjugate_gradients(
+            energy,
+            &blocks.inverses(),
+            &mut c,
+            (tolerance * scale, max_iterations),
+        )
     };
     let gradient_norm = energy.gradient(&c).norm_l2() / scale;
     Ok(Fit {
@@ -131,13 +141,13 @@ pub fn minimize(energy: &Energy, tolerance: f64, max_iterations: usize) -> Resul
 /// Preconditioned conjugate gradients from the start given in `c`.
 fn conjugate_gradients(
     energy: &Energy,
-    blocks: &RowBlocks,
+    preconditioner: &RowInverses,
     c: &mut Mat<f64>,
     (threshold, max_iterations): (f64, usize),
 ) -> (usize, FitTermination) {
     let mut residual = energy.gradient(c);
     residual *= faer::Scale(-1.0);
-    let mut preconditioned = blocks.solve(&residual);
+    let mut preconditioned = preconditioner.times(&residual);
     let mut direction = preconditioned.clone();
     let mut product = dot(&residual, &preconditioned);
     for iteration in 0..max_iterations {
@@ -153,7 +163,7 @@ fn conjugate_gradients(
         let step = product / curvature;
         add_scaled(c, step, &direction);
         add_scaled(&mut residual, -step, &curved);
-        preconditioned = blocks.solve(&residual);
+        preconditioned = preconditioner.times(&residual);
         let next = dot(&residual, &preconditioned);
         let ratio = next / product;
         product = next;
@@ -172,6 +182,11 @@ struct RowBlocks {
     factors: Vec<Llt<f64>>,
 }
 
+/// The inverses of [`RowBlocks`], for many products.
+struct RowInverses {
+    inverses: Vec<Mat<f64>>,
+}
+
 impl RowBlocks {
     fn new(energy: &Energy) -> Result<Self, FmapError> {
         let (n_rows, n) = energy.size();
@@ -179,36 +194,36 @@ impl RowBlocks {
         // The same for every row: w_d A Aᵀ + Σ w S Sᵀ.
         let mut shared = Mat::zeros(n, n);
         add_product(&mut shared, energy.descriptor_weight, a, a.transpose());
-        add_scaled(&mut shared, 1.0, &energy.source_squares);
-        let factors = (0..n_rows)
-            .map(|row| {
-                let mut block = shared.clone();
-                for commutator in &energy.commutators {
-                    let diagonal = commutator.target[(row, row)];
-                    let column = commutator.target.col_as_slice(row);
-                    let squared: f64 = column.iter().map(|t| t * t).sum();
-                    let cross = -commutator.weight * commutator.sign * diagonal;
-                    let s = &commutator.source;
-                    for j in 0..n {
-                        for i in 0..n {
-                            block[(i, j)] += cross * (s[(i, j)] + s[(j, i)]);
-                        }
-                        block[(j, j)] += commutator.weight * squared;
-                    }
-                }
+        let hessian = energy.commutator_hessian.as_ref();
+        if let Some(hessian) = hessian {
+            add_scaled(&mut shared, 1.0, &hessian.source_squares);
+        }
+        let own = hessian.map(|hessian| (hessian.row_blocks(), &hessian.target_squares));
+        let factor = |row: usize| {
+            let mut block = shared.clone();
+            if let Some((own, squares)) = &own {
                 for j in 0..n {
-                    block[(j, j)] += energy.diagonal_weight(row, j);
+                    for i in 0..n {
+                        block[(i, j)] += own[(row, i + n * j)];
+                    }
+                    block[(j, j)] += squares[(row, row)];
                 }
-                block
-                    .llt(Triangle::Lower)
-                    .map_err(|_| FmapError::Decomposition {
-                        what: "the normal equations of one row",
-                        rows: n,
-                        columns: n,
-                    })
-            })
-            .collect::<Result<_, _>>()?;
-        Ok(Self { factors })
+            }
+            for j in 0..n {
+                block[(j, j)] += energy.diagonal_weight(row, j);
+            }
+            block
+                .llt(Triangle::Lower)
+                .map_err(|_| FmapError::Decomposition {
+                    what: "the normal equations of one row",
+                    rows: n,
+                    columns: n,
+                })
+        };
+        let factors = (0..n_rows).into_par_iter().map(factor);
+        Ok(Self {
+            factors: factors.collect::<Result<_, _>>()?,
+        })
     }
 
     /// Solves the system of every row.
@@ -218,5 +233,25 @@ impl RowBlocks {
             factor.solve_in_place(rows.subcols_mut(i, 1));
         }
         rows.transpose().to_owned()
+    }
+
+    fn inverses(&self) -> RowInverses {
+        let inverses = self.factors.par_iter().map(Llt::inverse);
+        RowInverses {
+            inverses: inverses.collect(),
+        }
+    }
+}
+
+impl RowInverses {
+    /// Multiplies every row with the inverse of its block.
+    fn times(&self, right_side: &Mat<f64>) -> Mat<f64> {
+        let rows = right_side.transpose().to_owned();
+        let mut solved = Mat::zeros(rows.nrows(), rows.ncols());
+        for (i, inverse) in self.inverses.iter().enumerate() {
+            let out = solved.subcols_mut(i, 1);
+            set_product(out, inverse.as_ref(), rows.subcols(i, 1));
+        }
+        solved.transpose().to_owned()
     }
 }

@@ -80,6 +80,7 @@
 mod adjacency;
 mod ball_tree;
 mod bcicp;
+mod commutators;
 mod convert;
 mod correspondence;
 mod distribution;

@@ -3,15 +3,20 @@
 //! One thread a product: the order of summation, and with it the last bit, does not depend on
 //! how many threads there are. Parallel loops run over independent products instead.
 
-use faer::{Accum, Mat, MatRef, Par, linalg::matmul::matmul};
+use faer::{Accum, Mat, MatMut, MatRef, Par, linalg::matmul::matmul};
 
 use crate::FmapError;
 
 /// A B.
 pub(crate) fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {
     let mut out = Mat::zeros(a.nrows(), b.ncols());
-    matmul(out.as_mut(), Accum::Replace, a, b, 1.0, Par::Seq);
+    set_product(out.as_mut(), a, b);
     out
+}
+
+/// out = A B.
+pub(crate) fn set_product(out: MatMut<'_, f64>, a: MatRef<'_, f64>, b: MatRef<'_, f64>) {
+    matmul(out, Accum::Replace, a, b, 1.0, Par::Seq);
 }
 
 /// out += factor A B.

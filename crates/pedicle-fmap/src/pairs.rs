@@ -9,15 +9,15 @@
 //! pairs of operators, are mixed into their principal directions, and directions that hold less
 //! than [`NEGLIGIBLE`] of the largest are left out. Fifty signatures come down to about half.
 
-use faer::{Mat, MatRef, Side as Triangle};
+use faer::{Mat, Side as Triangle};
 use rayon::prelude::*;
 
 use crate::{
     Shape,
+    commutators::Commutators,
     convert::functions,
-    energy::Commutator,
-    linear::{add_scaled, dot, product},
-    operators::{FaceFunctions, multiplication},
+    linear::{add_product, product},
+    operators::{FunctionOperators, OperatorMaker},
 };
 
 /// Share of the largest squared norm below which a direction is left out: 1e-6 in norm, far below
@@ -25,59 +25,67 @@ use crate::{
 const NEGLIGIBLE: f64 = 1e-12;
 
 /// Pairs of functions, mixed into their principal directions.
-pub(crate) struct FunctionPairs<'a> {
-    source: &'a Shape<'a>,
-    target: &'a Shape<'a>,
-    /// (k_target, k_source).
-    size: (usize, usize),
-    /// Directions, one a column.
-    source_functions: Mat<f64>,
-    target_functions: Mat<f64>,
+struct FunctionPairs {
+    /// Directions, one a column, of the source and of the target.
+    directions: [Mat<f64>; 2],
     /// Function p = Σ_i mixture(i, p) direction i.
     mixture: Mat<f64>,
 }
 
-/// What is made of a function.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum OperatorKind {
-    /// M(f), symmetric.
-    Multiplication,
-    /// Ω(f).
-    Orientation,
+/// Operators of the directions, one a column, k² × count.
+type Operators = Mat<f64>;
+
+/// What of the operators of some descriptors enters the energy.
+pub(crate) struct CommutatorOptions<'a> {
+    /// Functions of the target and of the source.
+    pub(crate) size: (usize, usize),
+    /// Columns of the descriptors.
+    pub(crate) columns: &'a [usize],
+    /// Weight of the multiplication operators, over the number of columns; 0 leaves them out.
+    pub(crate) multiplication: f64,
+    /// Weight of the orientation operators, over the number of columns; 0 leaves them out.
+    pub(crate) orientation: f64,
+    /// -1 if the map turns the orientation round.
+    pub(crate) sign: f64,
 }
 
-/// Makes operators of functions on one shape.
-enum Maker<'a> {
-    Multiplication(MatRef<'a, f64>, &'a [f64]),
-    Orientation(FaceFunctions<'a>),
-}
-
-impl OperatorKind {
-    fn on<'a>(self, shape: &'a Shape<'a>, count: usize) -> Maker<'a> {
-        let functions = functions(shape.basis, count);
-        match self {
-            Self::Multiplication => Maker::Multiplication(functions, &shape.basis.mass),
-            Self::Orientation => Maker::Orientation(FaceFunctions::new(functions, shape.mesh)),
-        }
+/// The terms of the multiplication operators and of the orientation operators, every pair divided
+/// by its joint norm.
+pub(crate) fn commutators(
+    (source, target): (&Shape<'_>, &Shape<'_>),
+    options: &CommutatorOptions<'_>,
+) -> [Option<Commutators>; 2] {
+    if options.multiplication <= 0.0 && options.orientation <= 0.0 {
+        return [None, None];
     }
+    let pairs = FunctionPairs::new((source, target), options.columns);
+    let (k_target, k_source) = options.size;
+    let [of_source, of_target] = &pairs.directions;
+    let (of_source, of_target) = rayon::join(
+        || operators(source, k_source, of_source),
+        || operators(target, k_target, of_target),
+    );
+    let [multiplications, orientations] = [0, 1].map(|kind| [&of_source[kind], &of_target[kind]]);
+    let some = |weight: f64, sign: f64, operators: [&Operators; 2]| {
+        (weight > 0.0).then(|| {
+            let [source, target] = mixed(&pairs.mixture, operators);
+            Commutators {
+                weight,
+                sign,
+                source,
+                target,
+            }
+        })
+    };
+    [
+        some(options.multiplication, 1.0, multiplications),
+        some(options.orientation, options.sign, orientations),
+    ]
 }
 
-impl Maker<'_> {
-    fn of(&self, f: &[f64]) -> Mat<f64> {
-        match self {
-            Self::Multiplication(functions, mass) => multiplication(*functions, mass, f),
-            Self::Orientation(faces) => faces.orientation(f),
-        }
-    }
-}
-
-impl<'a> FunctionPairs<'a> {
+impl FunctionPairs {
     /// The pairs in some columns of the descriptors.
-    pub(crate) fn new(
-        (source, target): (&'a Shape<'a>, &'a Shape<'a>),
-        size: (usize, usize),
-        columns: &[usize],
-    ) -> Self {
+    fn new((source, target): (&Shape<'_>, &Shape<'_>), columns: &[usize]) -> Self {
         let choose = |shape: &Shape<'_>| {
             Mat::from_fn(shape.descriptors.nrows(), columns.len(), |i, p| {
                 shape.descriptors[(i, columns[p])]
@@ -94,79 +102,67 @@ impl<'a> FunctionPairs<'a> {
                 }
             }
         }
-        let gram = product(f.transpose(), f.as_ref()) + product(g.transpose(), g.as_ref());
-        let directions = principal_directions(&gram);
+        let directions = principal_directions(&joint_gram([&f, &g]));
         Self {
-            source,
-            target,
-            size,
-            source_functions: product(f.as_ref(), directions.as_ref()),
-            target_functions: product(g.as_ref(), directions.as_ref()),
+            directions: [&f, &g].map(|functions| product(functions.as_ref(), directions.as_ref())),
             mixture: directions.transpose().to_owned(),
         }
     }
+}
 
-    /// The terms ½ w ‖C S - σ T C‖² of all pairs, every pair divided by its joint norm.
-    pub(crate) fn commutators(
-        &self,
-        weight: f64,
-        sign: f64,
-        kind: OperatorKind,
-    ) -> Vec<Commutator> {
-        let (source_of, target_of) = (
-            kind.on(self.source, self.size.1),
-            kind.on(self.target, self.size.0),
-        );
-        let pairs: Vec<(Mat<f64>, Mat<f64>)> = (0..self.mixture.nrows())
-            .into_par_iter()
-            .map(|i| {
-                let f = self.source_functions.col_as_slice(i);
-                let g = self.target_functions.col_as_slice(i);
-                (source_of.of(f), target_of.of(g))
-            })
-            .collect();
-        let n = pairs.len();
-        let mut gram = Mat::zeros(n, n);
-        for i in 0..n {
-            for j in 0..=i {
-                let value = dot(&pairs[i].0, &pairs[j].0) + dot(&pairs[i].1, &pairs[j].1);
-                gram[(i, j)] = value;
-                gram[(j, i)] = value;
+/// M and Ω of every direction, in the first functions of a shape.
+fn operators(shape: &Shape<'_>, count: usize, directions: &Mat<f64>) -> [Operators; 2] {
+    let maker = OperatorMaker::new(
+        functions(shape.basis, count),
+        &shape.basis.mass,
+        shape.mesh,
+    );
+    let made: Vec<FunctionOperators> = (0..directions.ncols())
+        .into_par_iter()
+        .map(|i| maker.of(directions.col_as_slice(i)))
+        .collect();
+    let side_by_side = |of: fn(&FunctionOperators) -> &Mat<f64>| {
+        let mut columns = Mat::zeros(count * count, made.len());
+        for (i, operators) in made.iter().enumerate() {
+            let column = columns.col_as_slice_mut(i);
+            for (j, entries) in column.chunks_exact_mut(count).enumerate() {
+                entries.copy_from_slice(of(operators).col_as_slice(j));
             }
         }
-        let mut scaled = self.mixture.clone();
-        for p in 0..scaled.ncols() {
-            let column = scaled.col_mut(p);
-            let squared = column.as_ref().transpose() * &gram * column.as_ref();
-            if squared > 0.0 {
-                let factor = (2.0 / squared).sqrt();
-                let column = scaled.col_as_slice_mut(p);
-                column.iter_mut().for_each(|value| *value *= factor);
-            }
+        columns
+    };
+    [
+        side_by_side(|operators| &operators.multiplication),
+        side_by_side(|operators| &operators.orientation),
+    ]
+}
+
+/// Operators of as few mixtures as span those of the functions, the pairs of which have norm 1.
+fn mixed(mixture: &Mat<f64>, operators: [&Operators; 2]) -> [Operators; 2] {
+    let gram = joint_gram(operators);
+    let mut scaled = mixture.clone();
+    for p in 0..scaled.ncols() {
+        let column = scaled.col_mut(p);
+        let squared = column.as_ref().transpose() * &gram * column.as_ref();
+        if squared > 0.0 {
+            let factor = (2.0 / squared).sqrt();
+            let column = scaled.col_as_slice_mut(p);
+            column.iter_mut().for_each(|value| *value *= factor);
         }
-        let between = product(
-            scaled.transpose(),
-            product(gram.as_ref(), scaled.as_ref()).as_ref(),
-        );
-        let mixed = product(scaled.as_ref(), principal_directions(&between).as_ref());
-        let mix = |i: usize| {
-            let (k_target, k_source) = self.size;
-            let mut source = Mat::zeros(k_source, k_source);
-            let mut target = Mat::zeros(k_target, k_target);
-            for (factor, (s, t)) in mixed.col_as_slice(i).iter().zip(&pairs) {
-                add_scaled(&mut source, *factor, s);
-                add_scaled(&mut target, *factor, t);
-            }
-            Commutator {
-                weight,
-                source,
-                target,
-                sign,
-                is_symmetric: kind == OperatorKind::Multiplication,
-            }
-        };
-        (0..mixed.ncols()).into_par_iter().map(mix).collect()
     }
+    let between = product(
+        scaled.transpose(),
+        product(gram.as_ref(), scaled.as_ref()).as_ref(),
+    );
+    let mix = product(scaled.as_ref(), principal_directions(&between).as_ref());
+    operators.map(|columns| product(columns.as_ref(), mix.as_ref()))
+}
+
+/// AᵀA + BᵀB.
+fn joint_gram([a, b]: [&Mat<f64>; 2]) -> Mat<f64> {
+    let mut gram = product(a.transpose(), a.as_ref());
+    add_product(&mut gram, 1.0, b.transpose(), b.as_ref());
+    gram
 }
 
 /// Orthonormal eigenvectors of a Gram matrix that matter, one a column, largest first; all unit
