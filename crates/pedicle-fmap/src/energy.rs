@@ -120,6 +120,8 @@ pub struct Energy {
     norm_weight: f64,
     multiplications: Option<Commutators>,
     orientations: Option<Commutators>,
+    /// w_d A Aᵀ + Σ w S Sᵀ: what the blocks of all rows of C have in common.
+    pub(crate) shared_block: Mat<f64>,
     /// None if there are no commutators.
     pub(crate) commutator_hessian: Option<CommutatorHessian>,
 }
@@ -166,9 +168,16 @@ impl Energy {
                 sign,
             },
         );
-        let all: Vec<&Commutators> = [&multiplications, &orientations].into_iter().flatten().collect();
+        let all: Vec<&Commutators> = [&multiplications, &orientations]
+            .into_iter()
+            .flatten()
+            .collect();
         let hessian = CommutatorHessian::new(&all, (n_target, n_source));
+        let mut shared_block = hessian.source_squares.clone();
+        let weight = weights.descriptors;
+        add_product(&mut shared_block, weight, a.as_ref(), a.transpose());
         Ok(Self {
+            shared_block,
             commutator_hessian: (!all.is_empty()).then_some(hessian),
             descriptor_weight: weights.descriptors,
             source_coefficients: a,
@@ -232,17 +241,13 @@ impl Energy {
     /// The part of the gradient that is linear in C.
     pub(crate) fn hessian_times(&self, c: &Mat<f64>) -> Mat<f64> {
         self.assert_size(c);
-        let a = self.source_coefficients.as_ref();
-        let carried = product(c.as_ref(), a);
-        let mut out = Mat::from_fn(c.nrows(), c.ncols(), |i, j| {
-            self.diagonal_weight(i, j) * c[(i, j)]
-        });
-        add_product(
-            &mut out,
-            self.descriptor_weight,
-            carried.as_ref(),
-            a.transpose(),
-        );
+        let mut out = product(c.as_ref(), self.shared_block.as_ref());
+        for j in 0..c.ncols() {
+            let entries = out.col_as_slice_mut(j).iter_mut();
+            for ((i, entry), c) in entries.enumerate().zip(c.col_as_slice(j)) {
+                *entry += self.diagonal_weight(i, j) * c;
+            }
+        }
         if let Some(commutators) = &self.commutator_hessian {
             commutators.add_times(c, &mut out);
         }

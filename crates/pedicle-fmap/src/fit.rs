@@ -21,7 +21,8 @@ use rayon::prelude::*;
 use crate::{
     Energy, EnergyTerms, EnergyWeights, FmapError, FunctionalMap, LaplacianMask, OperatorColumns,
     OrientationBehaviour, Shape,
-    linear::{add_product, add_scaled, dot, set_product},
+    linear::{add_scaled, dot},
+    stack::Stack,
 };
 
 /// How a map is fitted.
@@ -184,23 +185,16 @@ struct RowBlocks {
 
 /// The inverses of [`RowBlocks`], for many products.
 struct RowInverses {
-    inverses: Vec<Mat<f64>>,
+    blocks: Stack,
 }
 
 impl RowBlocks {
     fn new(energy: &Energy) -> Result<Self, FmapError> {
         let (n_rows, n) = energy.size();
-        let a = energy.source_coefficients.as_ref();
-        // The same for every row: w_d A Aᵀ + Σ w S Sᵀ.
-        let mut shared = Mat::zeros(n, n);
-        add_product(&mut shared, energy.descriptor_weight, a, a.transpose());
         let hessian = energy.commutator_hessian.as_ref();
-        if let Some(hessian) = hessian {
-            add_scaled(&mut shared, 1.0, &hessian.source_squares);
-        }
         let own = hessian.map(|hessian| (hessian.row_blocks(), &hessian.target_squares));
         let factor = |row: usize| {
-            let mut block = shared.clone();
+            let mut block = energy.shared_block.clone();
             if let Some((own, squares)) = &own {
                 for j in 0..n {
                     for i in 0..n {
@@ -237,8 +231,9 @@ impl RowBlocks {
 
     fn inverses(&self) -> RowInverses {
         let inverses = self.factors.par_iter().map(Llt::inverse);
+        let inverses: Vec<Mat<f64>> = inverses.collect();
         RowInverses {
-            inverses: inverses.collect(),
+            blocks: Stack::new(inverses.first().map_or(1, Mat::nrows), inverses.iter()),
         }
     }
 }
@@ -246,11 +241,35 @@ impl RowBlocks {
 impl RowInverses {
     /// Multiplies every row with the inverse of its block.
     fn times(&self, right_side: &Mat<f64>) -> Mat<f64> {
-        let rows = right_side.transpose().to_owned();
-        let mut solved = Mat::zeros(rows.nrows(), rows.ncols());
-        for (i, inverse) in self.inverses.iter().enumerate() {
-            let out = solved.subcols_mut(i, 1);
-            set_product(out, inverse.as_ref(), rows.subcols(i, 1));
+        pulp::Arch::new().dispatch(TimesRows {
+            blocks: &self.blocks,
+            rows: right_side.transpose().to_owned(),
+        })
+    }
+}
+
+/// [`RowInverses::times`], compiled for wide registers where the processor has them.
+struct TimesRows<'a> {
+    blocks: &'a Stack,
+    /// One row of the right-hand side a column.
+    rows: Mat<f64>,
+}
+
+impl pulp::WithSimd for TimesRows<'_> {
+    type Output = Mat<f64>;
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) -> Mat<f64> {
+        let n = self.blocks.size;
+        let mut solved = Mat::zeros(n, self.rows.ncols());
+        for i in 0..self.blocks.count {
+            let solved = solved.col_as_slice_mut(i);
+            let columns = self.blocks.values_of(i).chunks_exact(n);
+            for (column, x) in columns.zip(self.rows.col_as_slice(i)) {
+                for (sum, entry) in solved.iter_mut().zip(column) {
+                    *sum = x.mul_add(*entry, *sum);
+                }
+            }
         }
         solved.transpose().to_owned()
     }

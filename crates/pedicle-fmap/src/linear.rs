@@ -19,6 +19,14 @@ pub(crate) fn set_product(out: MatMut<'_, f64>, a: MatRef<'_, f64>, b: MatRef<'_
     matmul(out, Accum::Replace, a, b, 1.0, Par::Seq);
 }
 
+/// A B, column after column without gaps.
+pub(crate) fn product_without_gaps(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Vec<f64> {
+    let mut values = vec![0.0; a.nrows() * b.ncols()];
+    let out = MatMut::from_column_major_slice_mut(&mut values, a.nrows(), b.ncols());
+    set_product(out, a, b);
+    values
+}
+
 /// out += factor A B.
 pub(crate) fn add_product(out: &mut Mat<f64>, factor: f64, a: MatRef<'_, f64>, b: MatRef<'_, f64>) {
     matmul(out.as_mut(), Accum::Add, a, b, factor, Par::Seq);

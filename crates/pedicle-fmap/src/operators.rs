@@ -27,16 +27,28 @@
 use faer::{Mat, MatRef};
 use pedicle_mesh::TriMesh;
 
-use crate::linear::add_product;
+use crate::{
+    edges::{Edges, breadth_first},
+    linear::add_product,
+};
 
 /// Vertices a product takes: they stay in the cache, and the order of summation is fixed.
-const VERTICES_PER_BLOCK: usize = 256;
+const VERTICES_PER_PRODUCT: usize = 256;
+/// Numbers that are worked on side by side, in registers.
+const WIDTH: usize = 8;
+
+/// Some functions at one vertex.
+type Block = [f64; WIDTH];
 
 /// Makes the operators of functions on one shape.
-pub(crate) struct OperatorMaker<'a> {
-    /// Φᵀ, k × n: the values at a vertex side by side.
-    functions: Mat<f64>,
-    mass: &'a [f64],
+pub(crate) struct OperatorMaker {
+    /// Number of functions k.
+    count: usize,
+    /// The vertex at every position: neighbours stand near each other.
+    order: Vec<u32>,
+    /// By position from here on. Φᵀ: the values at a vertex side by side, in blocks of [`WIDTH`] numbers, zeros at the end.
+    functions: Vec<Block>,
+    mass: Vec<f64>,
     edges: Edges,
 }
 
@@ -48,64 +60,85 @@ pub(crate) struct FunctionOperators {
     pub(crate) orientation: Mat<f64>,
 }
 
-/// A third corner: of a half-edge from the lower end of its edge to the higher one (sign 1) or
-/// back (-1).
-struct Wing {
-    sign: f64,
-    corner: u32,
-}
-
-/// The edges of a mesh with what lies beside them.
-struct Edges {
-    /// Lower and higher end.
-    ends: Vec<[u32; 2]>,
-    /// Start of every edge's wings.
-    starts: Vec<usize>,
-    wings: Vec<Wing>,
-    /// Start of every vertex's links.
-    link_starts: Vec<usize>,
-    /// (other end, edge, sign of S_f⁻ there).
-    links: Vec<(u32, u32, f64)>,
-    /// Edges with more half-edges one way than the other, and how many more.
-    open: Vec<(u32, f64)>,
-}
-
-impl<'a> OperatorMaker<'a> {
-    pub(crate) fn new(functions: MatRef<'_, f64>, mass: &'a [f64], mesh: &TriMesh) -> Self {
-        Self {
-            functions: functions.transpose().to_owned(),
-            mass,
-            edges: Edges::new(mesh),
+impl OperatorMaker {
+    pub(crate) fn new(functions: MatRef<'_, f64>, mass: &[f64], mesh: &TriMesh) -> Self {
+        let (n, count) = functions.shape();
+        let order = breadth_first(mesh.faces(), n);
+        let n_blocks = count.div_ceil(WIDTH);
+        let mut blocks = vec![[0.0; WIDTH]; n * n_blocks];
+        for j in 0..count {
+            let column = functions.col(j);
+            for (block, &vertex) in blocks.chunks_exact_mut(n_blocks).zip(&order) {
+                block[j / WIDTH][j % WIDTH] = column[vertex as usize];
+            }
         }
+        let mut position = vec![0; n];
+        for (p, &vertex) in order.iter().enumerate() {
+            position[vertex as usize] = p as u32;
+        }
+        let faces = mesh.faces().iter();
+        let faces: Vec<[u32; 3]> = faces
+            .map(|face| face.map(|v| position[v as usize]))
+            .collect();
+        Self {
+            count,
+            functions: blocks,
+            mass: order.iter().map(|&vertex| mass[vertex as usize]).collect(),
+            edges: Edges::new(&faces, n),
+            order,
+        }
+    }
+
+    /// Whether Ω(f) is antisymmetric: every edge has as many half-edges one way as the other.
+    pub(crate) fn is_closed(&self) -> bool {
+        self.edges.open.is_empty()
+    }
+
+    /// Φᵀ, k × n.
+    fn functions(&self) -> MatRef<'_, f64> {
+        self.columns(&self.functions).subrows(0, self.count)
+    }
+
+    /// One column a vertex, zeros at the end.
+    fn columns<'b>(&self, blocks: &'b [Block]) -> MatRef<'b, f64> {
+        let rows = WIDTH * self.count.div_ceil(WIDTH);
+        let numbers = blocks.as_flattened();
+        MatRef::from_column_major_slice(numbers, rows, numbers.len() / rows)
     }
 
     /// M(f) and Ω(f) for a function given at the vertices.
     pub(crate) fn of(&self, f: &[f64]) -> FunctionOperators {
-        let (k, n) = self.functions.shape();
-        let mut turns = self.edges.antisymmetric_entries(f);
-        let squares = |values: &mut dyn Iterator<Item = f64>| values.map(|x| x * x).sum::<f64>();
-        let of_mass = squares(&mut self.mass.iter().zip(f).map(|(m, f)| m * f));
-        let of_turns = 2.0 * squares(&mut turns.iter().copied());
+        let (k, n) = (self.count, self.mass.len());
+        let f: Vec<f64> = self
+            .order
+            .iter()
+            .map(|&vertex| f[vertex as usize])
+            .collect();
+        let mut turns = self.edges.antisymmetric_entries(&f);
+        let of_mass: f64 = self.mass.iter().zip(&f).map(|(m, f)| (m * f).powi(2)).sum();
+        let of_turns: f64 = turns.iter().map(|turn| 2.0 * turn * turn).sum();
         let scale = balancing_power_of_two(of_mass, of_turns);
         turns.iter_mut().for_each(|turn| *turn *= scale);
 
+        let n_blocks = k.div_ceil(WIDTH);
         let mut z = Mat::zeros(k, k);
-        let mut rows = vec![0.0; k * VERTICES_PER_BLOCK.min(n)];
+        let mut rows = vec![[0.0; WIDTH]; n_blocks * VERTICES_PER_PRODUCT.min(n)];
         let arch = pulp::Arch::new();
-        for first in (0..n).step_by(VERTICES_PER_BLOCK) {
-            let count = VERTICES_PER_BLOCK.min(n - first);
+        for first in (0..n).step_by(VERTICES_PER_PRODUCT) {
+            let count = VERTICES_PER_PRODUCT.min(n - first);
+            let rows = &mut rows[..n_blocks * count];
             arch.dispatch(Rows {
                 maker: self,
-                f,
+                f: &f,
                 turns: &turns,
                 first,
-                out: &mut rows[..k * count],
+                out: rows,
             });
-            let functions = self.functions.subcols(first, count);
-            let rows = MatRef::from_column_major_slice(&rows[..k * count], k, count);
+            let functions = self.functions().subcols(first, count);
+            let rows = self.columns(rows).subrows(0, k);
             add_product(&mut z, 1.0, functions, rows.transpose());
         }
-        let mut orientation = self.symmetric_orientation(f);
+        let mut orientation = self.symmetric_orientation(&f);
         let multiplication = Mat::from_fn(k, k, |i, j| {
             orientation[(i, j)] += 0.5 / scale * (z[(i, j)] - z[(j, i)]);
             0.5 * (z[(i, j)] + z[(j, i)])
@@ -120,10 +153,10 @@ impl<'a> OperatorMaker<'a> {
     ///
     /// A half-edge a → b gives (f_a - f_b) / 12 at (a, b) and (b, a), -f_b / 6 at a and f_a / 6 at b.
     fn symmetric_orientation(&self, f: &[f64]) -> Mat<f64> {
-        let k = self.functions.nrows();
+        let (k, functions) = (self.count, self.functions());
         let mut operator = Mat::zeros(k, k);
         let (mut left, mut right) = (Mat::zeros(k, 0), Mat::zeros(k, 0));
-        for some in self.edges.open.chunks(VERTICES_PER_BLOCK / 2) {
+        for some in self.edges.open.chunks(VERTICES_PER_PRODUCT / 2) {
             left.resize_with(k, 2 * some.len(), |_, _| 0.0);
             right.resize_with(k, 2 * some.len(), |_, _| 0.0);
             for (i, &(edge, excess)) in some.iter().enumerate() {
@@ -131,7 +164,7 @@ impl<'a> OperatorMaker<'a> {
                 let beside = excess * (f[a] - f[b]) / 12.0;
                 let (at_a, at_b) = (-excess * f[b] / 6.0, excess * f[a] / 6.0);
                 for l in 0..k {
-                    let (phi_a, phi_b) = (self.functions[(l, a)], self.functions[(l, b)]);
+                    let (phi_a, phi_b) = (functions[(l, a)], functions[(l, b)]);
                     left[(l, 2 * i)] = phi_a;
                     left[(l, 2 * i + 1)] = phi_b;
                     right[(l, 2 * i)] = at_a * phi_a + beside * phi_b;
@@ -147,75 +180,6 @@ impl<'a> OperatorMaker<'a> {
     }
 }
 
-impl Edges {
-    fn new(mesh: &TriMesh) -> Self {
-        // (lower end, higher end, sign, third corner), in the order of edges and faces.
-        let mut half_edges = Vec::with_capacity(3 * mesh.n_faces());
-        for face in mesh.faces() {
-            for i in 0..3 {
-                let (a, b, c) = (face[i], face[(i + 1) % 3], face[(i + 2) % 3]);
-                // A face that uses a vertex twice has no area and gives nothing.
-                if a != b {
-                    half_edges.push((a.min(b), a.max(b), if a < b { 1.0 } else { -1.0 }, c));
-                }
-            }
-        }
-        half_edges.sort_by_key(|&(a, b, ..)| (a, b));
-        let mut edges = Self {
-            ends: Vec::new(),
-            starts: Vec::new(),
-            wings: Vec::with_capacity(half_edges.len()),
-            link_starts: vec![0; mesh.n_vertices() + 1],
-            links: Vec::new(),
-            open: Vec::new(),
-        };
-        for of_edge in half_edges.chunk_by(|x, y| (x.0, x.1) == (y.0, y.1)) {
-            let excess: f64 = of_edge.iter().map(|half| half.2).sum();
-            if excess.abs() > 0.5 {
-                edges.open.push((edges.ends.len() as u32, excess));
-            }
-            edges.ends.push([of_edge[0].0, of_edge[0].1]);
-            edges.starts.push(edges.wings.len());
-            let wings = of_edge.iter().map(|&(_, _, sign, corner)| Wing { sign, corner });
-            edges.wings.extend(wings);
-        }
-        edges.starts.push(edges.wings.len());
-        edges.link();
-        edges
-    }
-
-    fn link(&mut self) {
-        for &end in self.ends.iter().flatten() {
-            self.link_starts[end as usize + 1] += 1;
-        }
-        for v in 1..self.link_starts.len() {
-            self.link_starts[v] += self.link_starts[v - 1];
-        }
-        let mut next = self.link_starts.clone();
-        self.links = vec![(0, 0, 0.0); 2 * self.ends.len()];
-        for (edge, &[low, high]) in self.ends.iter().enumerate() {
-            for (own, other, sign) in [(low, high, 1.0), (high, low, -1.0)] {
-                let place = &mut next[own as usize];
-                self.links[*place] = (other, edge as u32, sign);
-                *place += 1;
-            }
-        }
-    }
-
-    /// S_f⁻ at (lower end, higher end) of every edge.
-    fn antisymmetric_entries(&self, f: &[f64]) -> Vec<f64> {
-        let wings = self.starts.windows(2).map(|range| &self.wings[range[0]..range[1]]);
-        let edges = self.ends.iter().zip(wings);
-        edges
-            .map(|(ends, wings)| {
-                let [a, b] = ends.map(|v| f[v as usize]);
-                let turn = |wing: &Wing| wing.sign * (a + b - 2.0 * f[wing.corner as usize]);
-                wings.iter().map(turn).sum::<f64>() / 12.0
-            })
-            .collect()
-    }
-}
-
 /// 2^i with 2^i √of_turns ≈ √of_mass; 1 where one of them is nothing.
 fn balancing_power_of_two(of_mass: f64, of_turns: f64) -> f64 {
     let ratio = of_mass / of_turns;
@@ -228,13 +192,13 @@ fn balancing_power_of_two(of_mass: f64, of_turns: f64) -> f64 {
 
 /// Rows of (M diag(f) + s S_f⁻) Φ, compiled for wide registers where the processor has them.
 struct Rows<'a> {
-    maker: &'a OperatorMaker<'a>,
+    maker: &'a OperatorMaker,
     f: &'a [f64],
     /// s S_f⁻ of every edge.
     turns: &'a [f64],
     first: usize,
-    /// k numbers a vertex.
-    out: &'a mut [f64],
+    /// The blocks of every vertex.
+    out: &'a mut [Block],
 }
 
 impl pulp::WithSimd for Rows<'_> {
@@ -242,23 +206,38 @@ impl pulp::WithSimd for Rows<'_> {
 
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, _: S) {
-        let (functions, edges) = (&self.maker.functions, &self.maker.edges);
-        let rows = self.out.chunks_exact_mut(functions.nrows());
+        let (maker, edges) = (self.maker, &self.maker.edges);
+        let n_blocks = maker.count.div_ceil(WIDTH);
+        let rows = self.out.chunks_exact_mut(n_blocks);
+        let mut turns = Vec::new();
         for (vertex, row) in (self.first..).zip(rows) {
-            let own = self.maker.mass[vertex] * self.f[vertex];
-            for (r, x) in row.iter_mut().zip(functions.col_as_slice(vertex)) {
-                *r = own * x;
-            }
+            let own = maker.mass[vertex] * self.f[vertex];
             let links = edges.link_starts[vertex]..edges.link_starts[vertex + 1];
-            for &(other, edge, sign) in &edges.links[links] {
-                let turn = sign * self.turns[edge as usize];
-                let other = functions.col_as_slice(other as usize);
-                for (r, x) in row.iter_mut().zip(other) {
-                    *r = turn.mul_add(*x, *r);
+            turns.clear();
+            turns.extend(edges.links[links].iter().map(|link| {
+                let first = link.other as usize * n_blocks;
+                (first, link.sign * self.turns[link.edge as usize])
+            }));
+            for (i, out) in row.iter_mut().enumerate() {
+                let mut sum =
+                    plus_scaled([0.0; WIDTH], own, &maker.functions[vertex * n_blocks + i]);
+                for &(first, turn) in &turns {
+                    sum = plus_scaled(sum, turn, &maker.functions[first + i]);
                 }
+                *out = sum;
             }
         }
     }
+}
+
+/// sum + factor block, by value: in memory the compiler would have to go entry by entry.
+#[inline(always)]
+fn plus_scaled(sum: Block, factor: f64, block: &Block) -> Block {
+    let mut out = sum;
+    for lane in 0..WIDTH {
+        out[lane] = factor.mul_add(block[lane], out[lane]);
+    }
+    out
 }
 
 #[cfg(test)]

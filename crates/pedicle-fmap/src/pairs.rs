@@ -9,20 +9,21 @@
 //! pairs of operators, are mixed into their principal directions, and directions that hold less
 //! than [`NEGLIGIBLE`] of the largest are left out. Fifty signatures come down to about half.
 
-use faer::{Mat, Side as Triangle};
+use faer::{Mat, MatRef, Side as Triangle};
 use rayon::prelude::*;
 
 use crate::{
     Shape,
-    commutators::Commutators,
+    commutators::{Commutators, Symmetry},
     convert::functions,
     linear::{add_product, product},
     operators::{FunctionOperators, OperatorMaker},
+    stack::Stack,
 };
 
 /// Share of the largest squared norm below which a direction is left out: 1e-6 in norm, far below
 /// what descriptors are known to, and above the rounding of the products that find it.
-const NEGLIGIBLE: f64 = 1e-12;
+const NEGLIGIBLE: f64 = 1e-10;
 
 /// Pairs of functions, mixed into their principal directions.
 struct FunctionPairs {
@@ -32,8 +33,13 @@ struct FunctionPairs {
     mixture: Mat<f64>,
 }
 
-/// Operators of the directions, one a column, k² × count.
-type Operators = Mat<f64>;
+/// The operators of all directions on one shape.
+struct ShapeOperators {
+    multiplications: Stack,
+    orientations: Stack,
+    /// Whether the orientation operators are antisymmetric.
+    is_closed: bool,
+}
 
 /// What of the operators of some descriptors enters the energy.
 pub(crate) struct CommutatorOptions<'a> {
@@ -65,8 +71,7 @@ pub(crate) fn commutators(
         || operators(source, k_source, of_source),
         || operators(target, k_target, of_target),
     );
-    let [multiplications, orientations] = [0, 1].map(|kind| [&of_source[kind], &of_target[kind]]);
-    let some = |weight: f64, sign: f64, operators: [&Operators; 2]| {
+    let some = |weight: f64, sign: f64, symmetry: Symmetry, operators: [&Stack; 2]| {
         (weight > 0.0).then(|| {
             let [source, target] = mixed(&pairs.mixture, operators);
             Commutators {
@@ -74,12 +79,25 @@ pub(crate) fn commutators(
                 sign,
                 source,
                 target,
+                symmetry,
             }
         })
     };
+    let multiplications = [&of_source.multiplications, &of_target.multiplications];
+    let orientations = [&of_source.orientations, &of_target.orientations];
+    let symmetry = if of_source.is_closed && of_target.is_closed {
+        Symmetry::Antisymmetric
+    } else {
+        Symmetry::None
+    };
     [
-        some(options.multiplication, 1.0, multiplications),
-        some(options.orientation, options.sign, orientations),
+        some(
+            options.multiplication,
+            1.0,
+            Symmetry::Symmetric,
+            multiplications,
+        ),
+        some(options.orientation, options.sign, symmetry, orientations),
     ]
 }
 
@@ -87,9 +105,12 @@ impl FunctionPairs {
     /// The pairs in some columns of the descriptors.
     fn new((source, target): (&Shape<'_>, &Shape<'_>), columns: &[usize]) -> Self {
         let choose = |shape: &Shape<'_>| {
-            Mat::from_fn(shape.descriptors.nrows(), columns.len(), |i, p| {
-                shape.descriptors[(i, columns[p])]
-            })
+            let mut chosen = Mat::zeros(shape.descriptors.nrows(), columns.len());
+            for (p, &column) in columns.iter().enumerate() {
+                let from = shape.descriptors.col_as_slice(column);
+                chosen.col_as_slice_mut(p).copy_from_slice(from);
+            }
+            chosen
         };
         let (mut f, mut g) = (choose(source), choose(target));
         // The scale of a pair is no matter: its operators are divided by their norm later.
@@ -102,7 +123,7 @@ impl FunctionPairs {
                 }
             }
         }
-        let directions = principal_directions(&joint_gram([&f, &g]));
+        let directions = principal_directions(&joint_gram([f.as_ref(), g.as_ref()]));
         Self {
             directions: [&f, &g].map(|functions| product(functions.as_ref(), directions.as_ref())),
             mixture: directions.transpose().to_owned(),
@@ -111,35 +132,22 @@ impl FunctionPairs {
 }
 
 /// M and Ω of every direction, in the first functions of a shape.
-fn operators(shape: &Shape<'_>, count: usize, directions: &Mat<f64>) -> [Operators; 2] {
-    let maker = OperatorMaker::new(
-        functions(shape.basis, count),
-        &shape.basis.mass,
-        shape.mesh,
-    );
+fn operators(shape: &Shape<'_>, count: usize, directions: &Mat<f64>) -> ShapeOperators {
+    let maker = OperatorMaker::new(functions(shape.basis, count), &shape.basis.mass, shape.mesh);
     let made: Vec<FunctionOperators> = (0..directions.ncols())
         .into_par_iter()
         .map(|i| maker.of(directions.col_as_slice(i)))
         .collect();
-    let side_by_side = |of: fn(&FunctionOperators) -> &Mat<f64>| {
-        let mut columns = Mat::zeros(count * count, made.len());
-        for (i, operators) in made.iter().enumerate() {
-            let column = columns.col_as_slice_mut(i);
-            for (j, entries) in column.chunks_exact_mut(count).enumerate() {
-                entries.copy_from_slice(of(operators).col_as_slice(j));
-            }
-        }
-        columns
-    };
-    [
-        side_by_side(|operators| &operators.multiplication),
-        side_by_side(|operators| &operators.orientation),
-    ]
+    ShapeOperators {
+        multiplications: Stack::new(count, made.iter().map(|of| &of.multiplication)),
+        orientations: Stack::new(count, made.iter().map(|of| &of.orientation)),
+        is_closed: maker.is_closed(),
+    }
 }
 
 /// Operators of as few mixtures as span those of the functions, the pairs of which have norm 1.
-fn mixed(mixture: &Mat<f64>, operators: [&Operators; 2]) -> [Operators; 2] {
-    let gram = joint_gram(operators);
+fn mixed(mixture: &Mat<f64>, operators: [&Stack; 2]) -> [Stack; 2] {
+    let gram = joint_gram(operators.map(Stack::columns));
     let mut scaled = mixture.clone();
     for p in 0..scaled.ncols() {
         let column = scaled.col_mut(p);
@@ -155,13 +163,13 @@ fn mixed(mixture: &Mat<f64>, operators: [&Operators; 2]) -> [Operators; 2] {
         product(gram.as_ref(), scaled.as_ref()).as_ref(),
     );
     let mix = product(scaled.as_ref(), principal_directions(&between).as_ref());
-    operators.map(|columns| product(columns.as_ref(), mix.as_ref()))
+    operators.map(|stack| stack.mixed(mix.as_ref()))
 }
 
 /// AᵀA + BᵀB.
-fn joint_gram([a, b]: [&Mat<f64>; 2]) -> Mat<f64> {
-    let mut gram = product(a.transpose(), a.as_ref());
-    add_product(&mut gram, 1.0, b.transpose(), b.as_ref());
+fn joint_gram([a, b]: [MatRef<'_, f64>; 2]) -> Mat<f64> {
+    let mut gram = product(a.transpose(), a);
+    add_product(&mut gram, 1.0, b.transpose(), b);
     gram
 }
 
