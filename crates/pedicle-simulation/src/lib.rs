@@ -34,22 +34,33 @@
 //! ```
 
 mod arch;
+mod camera;
 mod case;
+mod coverage;
 mod cut;
 mod error;
 mod grid;
+mod landmarks;
 mod meshing;
 pub mod metrics;
 pub mod morphometry;
+mod motion;
 mod parameters;
 mod pedicle;
 mod phantom;
 mod placing;
+mod resample;
 mod scenario;
+mod scene;
 mod sdf;
+mod sensor;
 mod simulate;
+mod soft_tissue;
 mod spine;
 mod subject;
+mod suite;
+mod suite_simulate;
+mod suite_target;
 mod vertebra;
 
 pub use case::{CaseVertebra, SpineCase};
@@ -62,3 +73,9 @@ pub use parameters::{LevelParameters, PhantomParameters, SideParameters};
 pub use phantom::{PedicleTruth, Phantom, PhantomVertebra, generate_phantom};
 pub use scenario::{Deformation, PAPER_NOISE_MM, Scenario, paper_scenarios};
 pub use simulate::{SimulatedTarget, VertebraTruth, simulate};
+pub use suite::{
+    MOTION_NOISE_MM, MotionRange, RESAMPLED_NOISE_MM, SENSOR_COVER, SENSOR_NOISE_MM, SensorForm,
+    Stress, Suite, SuiteCell, SuiteScenario, subject_seed, suite_scenarios,
+};
+pub use suite_simulate::simulate_suite;
+pub use suite_target::{SensorView, SuiteTarget, SuiteTruth, TargetSurface};
