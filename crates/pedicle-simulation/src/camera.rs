@@ -136,7 +136,8 @@ impl Camera {
         let mut pixels = Vec::with_capacity(rays.len());
         for (pixel, (ray, hit)) in rays.iter().zip(&hits).enumerate() {
             // Every pixel takes as many numbers, whatever it sees.
-            let [dropout, edge]: [f64; 2] = [rng.random_range(0.0..1.0), rng.random_range(0.0..1.0)];
+            let [dropout, edge]: [f64; 2] =
+                [rng.random_range(0.0..1.0), rng.random_range(0.0..1.0)];
             let mix = rng.random_range(0.1..0.9);
             let error = noise.sample(rng);
             let Some((hit, material)) = hit else {
@@ -161,7 +162,11 @@ impl Camera {
                 hit.distance_mm
             };
             let growth = growth(true_range);
-            let steepness = if cosine > LEAST_COSINE { cosine } else { LEAST_COSINE };
+            let steepness = if cosine > LEAST_COSINE {
+                cosine
+            } else {
+                LEAST_COSINE
+            };
             let step = STEP_MM * growth;
             let along = ray.dot(&self.forward);
             let depth = (true_range + error * growth / steepness) * along;
@@ -187,7 +192,11 @@ impl Camera {
         let (mut low, mut high) = ([f64::MAX; 2], [f64::MIN; 2]);
         for corner in 0..8 {
             let sign = |bit: usize| if corner >> bit & 1 == 1 { 1.0 } else { -1.0 };
-            let w = if corner >> 2 & 1 == 1 { wound.skin } else { -DEEPEST_MM };
+            let w = if corner >> 2 & 1 == 1 {
+                wound.skin
+            } else {
+                -DEEPEST_MM
+            };
             let p = wound.global([sign(0) * wound.half[0], sign(1) * wound.half[1], w]);
             let d = p - self.center;
             let depth = d.dot(&self.forward);

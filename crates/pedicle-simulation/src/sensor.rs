@@ -139,7 +139,9 @@ fn faces(image: &DepthImage) -> Vec<[usize; 3]> {
         for corners in [[a, c, b], [b, c, d]] {
             let ranges = corners.map(|p| image.pixels[p].map(|pixel| pixel.range_mm));
             if let [Some(x), Some(y), Some(z)] = ranges
-                && [x - y, y - z, z - x].iter().all(|d| d.abs() <= LARGEST_JUMP_MM)
+                && [x - y, y - z, z - x]
+                    .iter()
+                    .all(|d| d.abs() <= LARGEST_JUMP_MM)
             {
                 faces.push(corners);
             }

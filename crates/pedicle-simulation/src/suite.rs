@@ -404,7 +404,11 @@ mod tests {
         let mut first: Vec<u64> = Vec::new();
         for suite in Suite::ALL {
             for scenario in suite_scenarios(suite, 7, 5) {
-                for stream in [SuiteStream::Placement, SuiteStream::Noise, SuiteStream::Pixels] {
+                for stream in [
+                    SuiteStream::Placement,
+                    SuiteStream::Noise,
+                    SuiteStream::Pixels,
+                ] {
                     first.push(scenario.rng(stream).next_u64());
                 }
             }

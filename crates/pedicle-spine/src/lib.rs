@@ -63,7 +63,7 @@ pub use map::{MapReport, View};
 pub use model::{MAX_LANDMARK_DISTANCE_MM, MAX_PLAN_DISTANCE_MM, SourceVertebra, SpineModel};
 pub use options::{MapOptions, SearchOptions, TransferOptions, VerdictOptions};
 pub use transfer::{
-    Stage, Target, TargetChanges, TargetSurface, Transfer, TransferredTrajectory,
-    VertebraTransfer, transfer, transfer_with_progress,
+    Stage, Target, TargetChanges, TargetSurface, Transfer, TransferredTrajectory, VertebraTransfer,
+    transfer, transfer_with_progress,
 };
 pub use verdict::Rejection;

@@ -277,7 +277,11 @@ mod tests {
         assert_eq!(cell.vertebrae_absent, 1, "one of ten");
         assert_eq!(cell.trajectories, 18, "it has none");
         assert_eq!(cell.false_accepts, 1, "it was accepted");
-        assert_eq!((cell.valid_vertebrae, cell.valid_accepted), (9, 9), "others");
+        assert_eq!(
+            (cell.valid_vertebrae, cell.valid_accepted),
+            (9, 9),
+            "others"
+        );
         let (mm, _) = cell.mean_rmse();
         assert!(mm.abs() < 1e-15, "{mm} mm");
     }

@@ -4,8 +4,8 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use super::published;
 use super::cell::Cell;
+use super::published;
 use crate::XtaskError;
 
 /// Name of the gates that hold for a spine without gates of its own.

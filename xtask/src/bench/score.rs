@@ -9,7 +9,9 @@ use pedicle_simulation::{
 use pedicle_spine::{
     Origin, SpineModel, Stage, Target, Transfer, TransferOptions, transfer_with_progress,
 };
-use pedicle_trajectory::{CheckOptions, Level, SafetyMargins, Trajectory, TrajectoryDefect, check_trajectory};
+use pedicle_trajectory::{
+    CheckOptions, Level, SafetyMargins, Trajectory, TrajectoryDefect, check_trajectory,
+};
 
 use super::case::Case;
 use crate::XtaskError;

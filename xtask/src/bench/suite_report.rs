@@ -76,7 +76,11 @@ impl SuiteSummary<'_> {
             "tip",
         ];
         if self.suite == Suite::Sensor {
-            header.extend(["a third seen", "of them valid and accepted", "their isthmus"]);
+            header.extend([
+                "a third seen",
+                "of them valid and accepted",
+                "their isthmus",
+            ]);
         }
         let mut table = new_table(style, header.into_iter().map(String::from).collect());
         for cell in self.cells {
