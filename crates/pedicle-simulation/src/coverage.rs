@@ -6,7 +6,8 @@
 //!
 //! x_k are K = 400 samples of equal area on the faces whose middle lies behind the centroid along
 //! the anterior axis, S the true surface or the true points that the target shows of the vertebra.
-//! Lengths in mm.
+//! Undersides and the walls of the canal are among them, so that even a view of bare bone shows about
+//! 0.4. The second share counts only samples whose normal looks backwards too. Lengths in mm.
 
 use nalgebra::{Isometry3, Point3};
 use pedicle_mesh::{SurfaceIndex, TriMesh};
@@ -24,54 +25,89 @@ pub(crate) fn is_posterior(p: &Point3<f64>, centroid: &Point3<f64>, axes: &Verte
     (p - centroid).dot(&axes.anterior) < 0.0
 }
 
-/// Samples of equal area on the posterior surface, in the source frame: one in the middle of
-/// every stretch of the faces' running area, at the centre of the face there.
-fn posterior_samples(vertebra: &CaseVertebra, axes: &VertebraAxes) -> Vec<Point3<f64>> {
+/// How much is seen.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Coverage {
+    /// Of the posterior surface.
+    pub(crate) posterior: f64,
+    /// Of the part of it that faces backwards.
+    pub(crate) facing: f64,
+}
+
+impl Coverage {
+    pub(crate) const NONE: Self = Self {
+        posterior: 0.0,
+        facing: 0.0,
+    };
+}
+
+/// A point of the posterior surface, in the source frame.
+struct Sample {
+    point: Point3<f64>,
+    faces_backwards: bool,
+}
+
+/// Samples of equal area: one in the middle of every stretch of the faces' running area, at the
+/// centre of the face there.
+fn posterior_samples(vertebra: &CaseVertebra, axes: &VertebraAxes) -> Vec<Sample> {
     let surface = &vertebra.surface;
     let centroid = vertebra.mesh.centroid();
-    let faces: Vec<(Point3<f64>, f64)> = (0..surface.n_faces())
-        .map(|face| {
-            let [a, b, c] = surface.triangle(face);
-            let middle = Point3::from((a.coords + b.coords + c.coords) / 3.0);
-            (middle, surface.face_area(face))
-        })
-        .filter(|(middle, _)| is_posterior(middle, &centroid, axes))
+    let middle_of = |face: usize| {
+        let [a, b, c] = surface.triangle(face);
+        Point3::from((a.coords + b.coords + c.coords) / 3.0)
+    };
+    let faces: Vec<usize> = (0..surface.n_faces())
+        .filter(|&face| is_posterior(&middle_of(face), &centroid, axes))
         .collect();
-    let total: f64 = faces.iter().map(|(_, area)| area).sum();
+    let total: f64 = faces.iter().map(|&face| surface.face_area(face)).sum();
     let step = total / N_SAMPLES as f64;
     let mut samples = Vec::with_capacity(N_SAMPLES);
     let (mut behind, mut next) = (0.0, 0.5 * step);
-    for (middle, area) in faces {
-        behind += area;
+    for face in faces {
+        behind += surface.face_area(face);
         while next < behind && samples.len() < N_SAMPLES {
-            samples.push(middle);
+            samples.push(Sample {
+                point: middle_of(face),
+                faces_backwards: surface.face_normal_scaled(face).dot(&axes.anterior) < 0.0,
+            });
             next += step;
         }
     }
     samples
 }
 
-fn share(
+fn coverage(
     vertebra: &CaseVertebra,
     axes: &VertebraAxes,
     pose: &Isometry3<f64>,
     is_near: impl Fn(&Point3<f64>) -> bool,
-) -> f64 {
-    let samples = posterior_samples(vertebra, axes);
-    let n_seen = samples.iter().filter(|p| is_near(&(pose * *p))).count();
-    n_seen as f64 / samples.len().max(1) as f64
+) -> Coverage {
+    let [mut n, mut seen] = [[0_usize; 2]; 2];
+    for sample in posterior_samples(vertebra, axes) {
+        let near = usize::from(is_near(&(pose * sample.point)));
+        let facing = usize::from(sample.faces_backwards);
+        n[0] += 1;
+        n[1] += facing;
+        seen[0] += near;
+        seen[1] += near * facing;
+    }
+    let share = |k: usize| seen[k] as f64 / n[k].max(1) as f64;
+    Coverage {
+        posterior: share(0),
+        facing: share(1),
+    }
 }
 
-/// The share near the true points.
+/// The shares near the true points.
 pub(crate) fn seen_by_points(
     vertebra: &CaseVertebra,
     axes: &VertebraAxes,
     truth: &VertebraTruth,
-) -> f64 {
+) -> Coverage {
     // Sorted along one axis, only a slab of points needs to be looked at.
     let mut points = truth.target_points.clone();
     points.sort_by(|a, b| a.x.total_cmp(&b.x));
-    share(vertebra, axes, &truth.target_from_source, |p| {
+    coverage(vertebra, axes, &truth.target_from_source, |p| {
         let first = points.partition_point(|q| q.x < p.x - NEAR_MM);
         points[first..]
             .iter()
@@ -80,13 +116,13 @@ pub(crate) fn seen_by_points(
     })
 }
 
-/// The share near the part of a target mesh that shows the vertebra, as it would be without noise.
+/// The shares near the part of a target mesh that shows the vertebra, as it would be without noise.
 pub(crate) fn seen_by_mesh(
     vertebra: &CaseVertebra,
     axes: &VertebraAxes,
     truth: &VertebraTruth,
     target: &TriMesh,
-) -> Result<f64, SimulationError> {
+) -> Result<Coverage, SimulationError> {
     let mut of_vertebra = vec![u32::MAX; target.n_vertices()];
     for (own, &index) in truth.target_vertices.iter().enumerate() {
         of_vertebra[index as usize] = own as u32;
@@ -98,11 +134,11 @@ pub(crate) fn seen_by_mesh(
         .filter(|corners| corners.iter().all(|&v| v != u32::MAX))
         .collect();
     if faces.is_empty() {
-        return Ok(0.0);
+        return Ok(Coverage::NONE);
     }
     let part = TriMesh::new(truth.target_points.clone(), faces)?;
     let index = SurfaceIndex::new(&part)?;
-    Ok(share(vertebra, axes, &truth.target_from_source, |p| {
+    Ok(coverage(vertebra, axes, &truth.target_from_source, |p| {
         index.closest_point(p).distance_mm <= NEAR_MM
     }))
 }

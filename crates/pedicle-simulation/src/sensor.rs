@@ -183,10 +183,9 @@ fn truths(
     truths
         .into_iter()
         .zip(case.vertebrae().iter().zip(case.axes()))
-        .map(|(truth, (vertebra, axes))| SuiteTruth {
-            posterior_seen: seen_by_points(vertebra, axes, &truth),
-            present: true,
-            vertebra: truth,
+        .map(|(truth, (vertebra, axes))| {
+            let coverage = seen_by_points(vertebra, axes, &truth);
+            SuiteTruth::shown(truth, coverage)
         })
         .collect()
 }

@@ -85,11 +85,8 @@ fn published(case: &SpineCase, scenario: &Scenario) -> Result<SuiteTarget, Simul
         .zip(case.axes())
         .zip(target.truth)
         .map(|((vertebra, axes), truth)| {
-            Ok(SuiteTruth {
-                posterior_seen: seen_by_mesh(vertebra, axes, &truth, &target.mesh)?,
-                present: true,
-                vertebra: truth,
-            })
+            let coverage = seen_by_mesh(vertebra, axes, &truth, &target.mesh)?;
+            Ok(SuiteTruth::shown(truth, coverage))
         })
         .collect::<Result<_, SimulationError>>()?;
     Ok(SuiteTarget {
@@ -219,11 +216,8 @@ fn meshed(
                 return Ok(absent(vertebra));
             };
             let truth = truths[found].clone();
-            Ok(SuiteTruth {
-                posterior_seen: seen_by_mesh(vertebra, axes, &truth, &mesh)?,
-                present: true,
-                vertebra: truth,
-            })
+            let coverage = seen_by_mesh(vertebra, axes, &truth, &mesh)?;
+            Ok(SuiteTruth::shown(truth, coverage))
         })
         .collect::<Result<_, SimulationError>>()?;
 

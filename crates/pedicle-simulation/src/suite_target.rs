@@ -4,7 +4,8 @@ use nalgebra::{Isometry3, Point3, Unit, Vector3};
 use pedicle_mesh::TriMesh;
 use pedicle_trajectory::Landmarks;
 
-use crate::VertebraTruth;
+use crate::coverage::Coverage;
+use crate::{CaseVertebra, VertebraTruth};
 
 /// The surface seen.
 #[derive(Debug, Clone, PartialEq)]
@@ -57,8 +58,12 @@ pub struct SuiteTruth {
     /// without meaning and there are no points.
     pub present: bool,
     /// Share of its posterior surface that the target shows: samples of equal area behind the
-    /// centroid within 1.5 mm of the true surface or points shown.
+    /// centroid within 1.5 mm of the true surface or points shown. Undersides and the walls of the
+    /// canal count, so that a camera sees about 0.4 of bare bone.
     pub posterior_seen: f64,
+    /// The same share of those samples whose normal looks backwards: a camera sees about 0.7 of
+    /// bare bone.
+    pub facing_seen: f64,
 }
 
 /// A simulated target of any suite with its truth.
@@ -80,8 +85,20 @@ pub struct SuiteTarget {
     pub truth: Vec<SuiteTruth>,
 }
 
+impl SuiteTruth {
+    /// The truth about a vertebra that is there.
+    pub(crate) fn shown(vertebra: VertebraTruth, coverage: Coverage) -> Self {
+        Self {
+            vertebra,
+            present: true,
+            posterior_seen: coverage.posterior,
+            facing_seen: coverage.facing,
+        }
+    }
+}
+
 /// A vertebra that is not in the target.
-pub(crate) fn absent(case_vertebra: &crate::CaseVertebra) -> SuiteTruth {
+pub(crate) fn absent(case_vertebra: &CaseVertebra) -> SuiteTruth {
     SuiteTruth {
         vertebra: VertebraTruth {
             level: case_vertebra.level,
@@ -94,5 +111,6 @@ pub(crate) fn absent(case_vertebra: &crate::CaseVertebra) -> SuiteTruth {
         },
         present: false,
         posterior_seen: 0.0,
+        facing_seen: 0.0,
     }
 }

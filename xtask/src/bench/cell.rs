@@ -59,6 +59,14 @@ pub(super) struct Seen {
     pub(super) valid_accepted: usize,
     #[serde(rename = "seen_third_isthmus_median_mm")]
     pub(super) isthmus_median_mm: f64,
+    /// The same counts with a third of what faces backwards: a harder set, as the walls of the canal
+    /// and undersides are left out of the whole.
+    #[serde(rename = "facing_third")]
+    pub(super) facing_vertebrae: usize,
+    #[serde(rename = "facing_third_valid_accepted")]
+    pub(super) facing_valid_accepted: usize,
+    #[serde(rename = "facing_third_isthmus_median_mm")]
+    pub(super) facing_isthmus_median_mm: f64,
 }
 
 /// One vertebra of a cell, over the draws in which it is there.
@@ -90,18 +98,7 @@ pub(super) fn cells(scores: &[ScenarioScore]) -> Vec<Cell> {
 fn summed_up(cell: &SuiteCell, members: &[&ScenarioScore]) -> Cell {
     let all: Vec<&VertebraScore> = members.iter().flat_map(|m| &m.vertebrae).collect();
     let count = |f: &dyn Fn(&VertebraScore) -> usize| all.iter().map(|v| f(v)).sum();
-    let seen = (cell.suite() == Suite::Sensor).then(|| {
-        let of_them: Vec<&VertebraScore> = all
-            .iter()
-            .copied()
-            .filter(|v| v.present && v.posterior_seen >= SEEN_SHARE)
-            .collect();
-        Seen {
-            vertebrae: of_them.len(),
-            valid_accepted: of_them.iter().filter(|v| v.valid && v.accepted).count(),
-            isthmus_median_mm: spread(&of_them, 1).median_mm,
-        }
-    });
+    let seen = (cell.suite() == Suite::Sensor).then(|| seen(&all));
     Cell {
         deformation: cell.target(),
         noise_mm: cell.noise_mm(),
@@ -124,6 +121,27 @@ fn summed_up(cell: &SuiteCell, members: &[&ScenarioScore]) -> Cell {
         isthmus: spread(&all, 1),
         tip: spread(&all, 2),
         seen,
+    }
+}
+
+fn seen(all: &[&VertebraScore]) -> Seen {
+    let subset = |share: &dyn Fn(&VertebraScore) -> f64| -> Vec<&VertebraScore> {
+        let of_them = |v: &&&VertebraScore| v.present && share(v) >= SEEN_SHARE;
+        all.iter().filter(of_them).copied().collect()
+    };
+    let right = |of_them: &[&VertebraScore]| {
+        let right = of_them.iter().filter(|v| v.valid && v.accepted);
+        right.count()
+    };
+    let posterior = subset(&|v| v.posterior_seen);
+    let facing = subset(&|v| v.facing_seen);
+    Seen {
+        vertebrae: posterior.len(),
+        valid_accepted: right(&posterior),
+        isthmus_median_mm: spread(&posterior, 1).median_mm,
+        facing_vertebrae: facing.len(),
+        facing_valid_accepted: right(&facing),
+        facing_isthmus_median_mm: spread(&facing, 1).median_mm,
     }
 }
 
@@ -204,6 +222,7 @@ mod tests {
             },
             present,
             posterior_seen: 1.0,
+            facing_seen: 1.0,
         }
     }
 

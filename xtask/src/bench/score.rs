@@ -24,6 +24,8 @@ pub(super) struct VertebraScore {
     pub(super) present: bool,
     /// Share of its posterior surface that the target shows.
     pub(super) posterior_seen: f64,
+    /// Share of the part of it that faces backwards.
+    pub(super) facing_seen: f64,
     pub(super) translation_mm: f64,
     pub(super) rotation_rad: f64,
     /// Squares of the Cramér-Rao bound: mm² and rad². Infinite if the points give no pose.
@@ -139,6 +141,7 @@ pub(super) fn refused(truth: &SuiteTruth, n_planned: usize) -> VertebraScore {
     VertebraScore {
         present: truth.present,
         posterior_seen: truth.posterior_seen,
+        facing_seen: truth.facing_seen,
         translation_mm: f64::NAN,
         rotation_rad: f64::NAN,
         bound_squared: (f64::NAN, f64::NAN),

@@ -77,9 +77,12 @@ impl SuiteSummary<'_> {
         ];
         if self.suite == Suite::Sensor {
             header.extend([
-                "a third seen",
-                "of them valid and accepted",
-                "their isthmus",
+                "a third of the back seen",
+                "valid and accepted",
+                "isthmus",
+                "a third of what faces backwards seen",
+                "valid and accepted",
+                "isthmus",
             ]);
         }
         let mut table = new_table(style, header.into_iter().map(String::from).collect());
@@ -113,6 +116,9 @@ fn row(cell: &Cell) -> Vec<String> {
             seen.vertebrae.to_string(),
             share(seen.valid_accepted, seen.vertebrae),
             millimetres(seen.isthmus_median_mm),
+            seen.facing_vertebrae.to_string(),
+            share(seen.facing_valid_accepted, seen.facing_vertebrae),
+            millimetres(seen.facing_isthmus_median_mm),
         ]);
     }
     row
@@ -151,9 +157,9 @@ pub(super) fn explanations(scores: &[ScenarioScore]) -> String {
             };
             if !right {
                 let word = if v.false_accept { "FALSE ACCEPT " } else { "" };
-                let seen = 100.0 * v.posterior_seen;
+                let [seen, facing] = [v.posterior_seen, v.facing_seen].map(|x| 100.0 * x);
                 lines.push(format!(
-                    "{}: {word}{} ({seen:.0} % of the back seen)",
+                    "{}: {word}{} ({seen:.0} % of the back, {facing:.0} % of what faces backwards seen)",
                     score.name(),
                     v.detail
                 ));

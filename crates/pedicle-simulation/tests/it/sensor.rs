@@ -80,12 +80,13 @@ fn the_camera_stands_where_it_should_and_sees_enough() {
         let spacing = view.pixel_pitch * nearest;
         assert!((0.5..1.3).contains(&spacing), "{spacing} mm");
         for truth in &target.truth {
-            let seen = truth.posterior_seen;
+            let level = truth.vertebra.level;
+            let [seen, facing] = [truth.posterior_seen, truth.facing_seen];
             // Undersides and the walls of the canal are behind the centroid too.
+            assert!((0.15..0.6).contains(&seen), "{level}: {seen}");
             assert!(
-                (0.15..0.6).contains(&seen),
-                "{}: {seen}",
-                truth.vertebra.level
+                (0.3..1.0).contains(&facing) && facing > seen,
+                "{level}: {facing}"
             );
         }
     }
