@@ -286,6 +286,21 @@ mod tests {
     }
 
     #[test]
+    fn only_the_sensor_counts_what_was_seen() {
+        let mut score = exact(0, [true; 5]);
+        let paper = serde_json::to_value(&cells(&[exact(1, [true; 5])])[0]).unwrap();
+        assert!(paper.get("seen_third").is_none(), "{paper}");
+        score.scenario.cell = Suite::Sensor.cells()[0];
+        score.vertebrae[0].posterior_seen = 0.2;
+        score.vertebrae[1].accepted = false;
+        let sensor = serde_json::to_value(&cells(&[score])[0]).unwrap();
+        assert_eq!(sensor["seen_third"], 4, "one is seen too little");
+        assert_eq!(sensor["seen_third_valid_accepted"], 3, "one is rejected");
+        assert_eq!(sensor["facing_third"], 5, "all by the other share");
+        assert_eq!(sensor["facing_third_valid_accepted"], 4, "one is rejected");
+    }
+
+    #[test]
     fn a_vertebra_that_is_not_there_spoils_no_mean_and_is_never_valid() {
         let mut present = [true; 5];
         present[2] = false;

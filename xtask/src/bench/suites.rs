@@ -75,3 +75,32 @@ impl Spine<'_> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn people_used_for_tuning_are_never_reported() {
+        let seeds = |seed| {
+            Spine::cohort(seed, 50)
+                .iter()
+                .map(Spine::seed)
+                .collect::<Vec<_>>()
+        };
+        let reported = seeds(20_260_101);
+        for tuning in [0, 1, 999] {
+            let tuned = seeds(tuning);
+            assert!(
+                tuned.iter().all(|seed| !reported.contains(seed)),
+                "{tuning}"
+            );
+        }
+        assert_eq!(
+            reported[..20],
+            seeds(20_260_101)[..20],
+            "the same people again"
+        );
+        assert_eq!(SuiteChoice::All.suites().len(), 5, "every suite");
+    }
+}
