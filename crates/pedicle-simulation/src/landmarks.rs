@@ -122,7 +122,7 @@ fn shifted(list: &[Landmark], draw: u32, rng: &mut impl Rng) -> Vec<Landmark> {
     }
     let beyond = positions[n - 1] + (positions[n - 1] - positions[n - 2]);
     positions.push(beyond);
-    let n_named = if draw % 2 == 0 { n } else { n - 1 };
+    let n_named = if draw.is_multiple_of(2) { n } else { n - 1 };
     let mut moved: Vec<Landmark> = levels
         .into_iter()
         .zip(positions.into_iter().skip(1))

@@ -251,7 +251,7 @@ fn meshed(
 /// The level that is missing, and whether its landmark is touched nevertheless: both in turn.
 fn missing_level(scenario: &SuiteScenario) -> (Level, MissingLandmark) {
     let n = MISSING_LEVELS.len() as u32;
-    let landmark = if (scenario.draw / n) % 2 == 0 {
+    let landmark = if (scenario.draw / n).is_multiple_of(2) {
         MissingLandmark::Touched
     } else {
         MissingLandmark::Dropped
