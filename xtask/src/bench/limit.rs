@@ -1,6 +1,8 @@
 //! Upper confidence limit of a rate of which k in n were seen.
 //!
-//!     Σ_{i ≤ k} C(n, i) p^i (1 - p)^(n - i) = 0.05
+//! ```text
+//! Σ_{i ≤ k} C(n, i) p^i (1 - p)^(n - i) = 0.05
+//! ```
 //!
 //! p is the exact one-sided 95 % limit of Clopper & Pearson 1934; for k = 0 it is 1 - 0.05^(1/n).
 
