@@ -121,6 +121,22 @@ impl SpineCase {
         &self.landmarks
     }
 
+    /// The middle of every disc, from the top down, mm: midway between the bodies above and below
+    /// it. The middle of a body is the centroid of the surface in front of the vertebra's centroid.
+    #[must_use]
+    pub fn disc_centers(&self) -> Vec<Point3<f64>> {
+        let bodies: Vec<Point3<f64>> = self
+            .vertebrae
+            .iter()
+            .zip(&self.axes)
+            .map(|(vertebra, axes)| body_center(&vertebra.mesh, &axes.anterior))
+            .collect();
+        bodies
+            .windows(2)
+            .map(|pair| nalgebra::center(&pair[0], &pair[1]))
+            .collect()
+    }
+
     pub(crate) fn axes(&self) -> &[VertebraAxes] {
         &self.axes
     }
@@ -131,6 +147,26 @@ impl SpineCase {
         let low = self.vertebrae[self.vertebrae.len() - 1].mesh.centroid();
         let high = self.vertebrae[0].mesh.centroid();
         Ok((low, direction(high - low, "upward")?))
+    }
+}
+
+fn body_center(mesh: &TriMesh, anterior: &Vector3<f64>) -> Point3<f64> {
+    let centroid = mesh.centroid();
+    let mut moment = Vector3::zeros();
+    let mut total = 0.0;
+    for face in 0..mesh.n_faces() {
+        let [a, b, c] = mesh.triangle(face);
+        let middle = (a.coords + b.coords + c.coords) / 3.0;
+        if (middle - centroid.coords).dot(anterior) > 0.0 {
+            let area = mesh.face_area(face);
+            moment += middle * area;
+            total += area;
+        }
+    }
+    if total > 0.0 {
+        Point3::from(moment / total)
+    } else {
+        centroid
     }
 }
 

@@ -13,11 +13,14 @@
 
 use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
 use pedicle_mesh::{SubMesh, TriMesh};
+use pedicle_trajectory::Level;
 use rand::{Rng, RngExt};
 
+use crate::SimulationError;
 use crate::case::VertebraAxes;
-use crate::{CaseVertebra, SimulationError};
 
+/// Share of a vertebra's area behind its plane before offset and tilt.
+const HALF: f64 = 0.5;
 /// Largest offset of the cut, mm.
 const LARGEST_OFFSET_MM: f64 = 5.0;
 /// Largest tilt of the cut about either direction, degrees.
@@ -26,6 +29,7 @@ const LARGEST_TILT_DEG: f64 = 10.0;
 /// What the planes of one draw have in common.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Cut {
+    share: f64,
     offset_mm: f64,
     lean_rad: f64,
     turn_rad: f64,
@@ -35,25 +39,37 @@ impl Cut {
     pub(crate) fn draw(rng: &mut impl Rng) -> Self {
         let tilt = LARGEST_TILT_DEG.to_radians();
         Self {
+            share: HALF,
             offset_mm: rng.random_range(-LARGEST_OFFSET_MM..=LARGEST_OFFSET_MM),
             lean_rad: rng.random_range(-tilt..=tilt),
             turn_rad: rng.random_range(-tilt..=tilt),
         }
     }
 
-    /// What remains of a vertebra.
+    /// The cut that leaves this share of the area behind the upright plane, without offset or
+    /// tilt.
+    pub(crate) fn upright(share: f64) -> Self {
+        Self {
+            share,
+            offset_mm: 0.0,
+            lean_rad: 0.0,
+            turn_rad: 0.0,
+        }
+    }
+
+    /// What remains of the surface of a vertebra.
     pub(crate) fn keep_back(
         &self,
-        vertebra: &CaseVertebra,
+        mesh: &TriMesh,
+        level: Level,
         axes: &VertebraAxes,
     ) -> Result<SubMesh, SimulationError> {
-        let mesh = &vertebra.mesh;
         let left = Unit::new_normalize(axes.up.cross(&axes.anterior));
         let up = Unit::new_normalize(axes.up);
         let normal = UnitQuaternion::from_axis_angle(&up, self.turn_rad)
             * UnitQuaternion::from_axis_angle(&left, self.lean_rad)
             * axes.anterior;
-        let point = half_area_point(mesh, &axes.anterior) + axes.anterior * self.offset_mm;
+        let point = area_point(mesh, &axes.anterior, self.share) + axes.anterior * self.offset_mm;
         let behind: Vec<bool> = mesh
             .vertices()
             .iter()
@@ -68,7 +84,7 @@ impl Cut {
             .collect();
         if kept.is_empty() {
             return Err(SimulationError::NothingLeft {
-                level: vertebra.level,
+                level,
                 n_faces: mesh.n_faces(),
                 n_faces_left: 0,
             });
@@ -77,8 +93,9 @@ impl Cut {
     }
 }
 
-/// The centroid, moved along `anterior` to where whole faces with half of the area lie behind.
-fn half_area_point(mesh: &TriMesh, anterior: &Vector3<f64>) -> Point3<f64> {
+/// The centroid, moved along `anterior` to where whole faces with this share of the area lie
+/// behind.
+fn area_point(mesh: &TriMesh, anterior: &Vector3<f64>, share: f64) -> Point3<f64> {
     let centroid = mesh.centroid();
     let mut faces: Vec<(f64, f64)> = (0..mesh.n_faces())
         .map(|face| {
@@ -88,13 +105,13 @@ fn half_area_point(mesh: &TriMesh, anterior: &Vector3<f64>) -> Point3<f64> {
         })
         .collect();
     faces.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let half = 0.5 * mesh.area();
+    let enough = share * mesh.area();
     let mut behind = 0.0;
     let along = faces
         .iter()
         .find(|(_, area)| {
             behind += area;
-            behind >= half
+            behind >= enough
         })
         .map_or(0.0, |face| face.0);
     centroid + anterior * along

@@ -146,6 +146,15 @@ pub enum SimulationError {
         /// Faces after the cut.
         n_faces_left: usize,
     },
+    /// The camera sees nothing through the window of the wound.
+    #[error("the camera sees nothing of the spine through the window of the wound")]
+    NothingSeen,
+    /// A cell without a camera was to be seen by one.
+    #[error("the suite {suite} has no camera")]
+    NoSensor {
+        /// The suite of the cell.
+        suite: crate::Suite,
+    },
     /// A mesh could not be made.
     #[error("the simulated surface is not a valid mesh: {0}")]
     Mesh(#[from] MeshError),

@@ -30,7 +30,7 @@ const LARGEST_EULER_DEG: f64 = 30.0;
 /// Largest translation along an axis over the largest dimension of the spine.
 const LARGEST_SHIFT_RATIO: f64 = 2.0;
 /// Largest distance between the two landmarks of a pair, mm.
-const LARGEST_LANDMARK_ERROR_MM: f64 = 5.0;
+pub(crate) const LARGEST_LANDMARK_ERROR_MM: f64 = 5.0;
 
 /// What is true about one vertebra of a simulated target. No method may look at it.
 #[derive(Debug, Clone, PartialEq)]
@@ -90,7 +90,7 @@ pub fn simulate(case: &SpineCase, scenario: &Scenario) -> Result<SimulatedTarget
         let normals = vertebra.mesh.vertex_normals();
         let (part, source_vertices) = match &cut {
             Some(cut) => {
-                let kept = cut.keep_back(vertebra, axes)?;
+                let kept = cut.keep_back(&vertebra.mesh, vertebra.level, axes)?;
                 (kept.mesh, kept.source_vertex)
             }
             None => {
@@ -142,18 +142,30 @@ pub fn simulate(case: &SpineCase, scenario: &Scenario) -> Result<SimulatedTarget
 
 /// `target_from_source` of every vertebra, from the top down.
 fn poses(case: &SpineCase, scenario: &Scenario) -> Result<Vec<Isometry3<f64>>, SimulationError> {
-    let (foot, axis) = case.axis_through_ends()?;
+    let placement = placement(case, &mut scenario.rng(Stream::Motion))?;
+    let turns = turns(case, scenario.deformation)?;
+    Ok(turns.into_iter().map(|turn| placement * turn).collect())
+}
+
+/// The rigid motion T R of the whole spine.
+pub(crate) fn placement(
+    case: &SpineCase,
+    rng: &mut impl Rng,
+) -> Result<Isometry3<f64>, SimulationError> {
     let meshes: Vec<&TriMesh> = case.vertebrae().iter().map(|v| &v.mesh).collect();
     let spine = concatenate(&meshes)?;
     let (low, high) = spine.bounding_box();
-    let largest = (high - low).max();
-    let rigid = rigid_motion(
-        &spine.centroid(),
-        largest,
-        &mut scenario.rng(Stream::Motion),
-    );
+    Ok(rigid_motion(&spine.centroid(), (high - low).max(), rng))
+}
+
+/// The turns B_i about the spine axis, from the top down.
+pub(crate) fn turns(
+    case: &SpineCase,
+    deformation: Deformation,
+) -> Result<Vec<Isometry3<f64>>, SimulationError> {
+    let (foot, axis) = case.axis_through_ends()?;
     let n = case.vertebrae().len();
-    let step = match scenario.deformation {
+    let step = match deformation {
         Deformation::Rigid => 0.0,
         Deformation::NonRigid | Deformation::Partial => TURN_PER_LEVEL_DEG.to_radians(),
     };
@@ -162,7 +174,7 @@ fn poses(case: &SpineCase, scenario: &Scenario) -> Result<Vec<Isometry3<f64>>, S
             let above_lowest = (n - 1 - from_top) as f64;
             let turn =
                 UnitQuaternion::from_axis_angle(&Unit::new_unchecked(axis), above_lowest * step);
-            rigid * turn_about(&foot, turn)
+            turn_about(&foot, turn)
         })
         .collect())
 }
@@ -176,13 +188,13 @@ fn rigid_motion(center: &Point3<f64>, largest_mm: f64, rng: &mut impl Rng) -> Is
     Translation3::from(shift) * turn_about(center, turn)
 }
 
-fn turn_about(center: &Point3<f64>, turn: UnitQuaternion<f64>) -> Isometry3<f64> {
+pub(crate) fn turn_about(center: &Point3<f64>, turn: UnitQuaternion<f64>) -> Isometry3<f64> {
     let back = turn * center.coords;
     Isometry3::from_parts(Translation3::from(center.coords - back), turn)
 }
 
 /// The mesh in random order and, for every old vertex, its new index.
-fn shuffled(
+pub(crate) fn shuffled(
     vertices: Vec<Point3<f64>>,
     mut faces: Vec<[u32; 3]>,
     rng: &mut impl Rng,

@@ -185,6 +185,15 @@ pub enum SpineError {
     /// The anatomy of the source could not be read from its shape.
     #[error("the anatomy of the source spine could not be read: {0}")]
     Anatomy(#[from] pedicle_trajectory::AnatomyError),
+    /// The target is a cloud of points.
+    #[error(
+        "the target is a cloud of {n_points} points, but only meshes are supported so far: make a \
+         mesh of it first"
+    )]
+    CloudTarget {
+        /// Points of the cloud.
+        n_points: usize,
+    },
     /// A search tree could not be built.
     #[error("the surface could not be indexed: {reason}")]
     Index {

@@ -34,7 +34,7 @@
 //! let scenario =
 //!     Scenario { deformation: Deformation::Partial, noise_mm: 0.5, draw: 0, seed: 1 };
 //! let simulated = simulate(&phantom.spine_case(3500)?, &scenario)?;
-//! let target = Target { surface: simulated.mesh, landmarks: simulated.target_landmarks };
+//! let target = Target::mesh(simulated.mesh, simulated.target_landmarks);
 //!
 //! let result = transfer(&model, &phantom.plan(), &target, &TransferOptions::default())?;
 //! assert!(result.all_accepted());
@@ -63,7 +63,7 @@ pub use map::{MapReport, View};
 pub use model::{MAX_LANDMARK_DISTANCE_MM, MAX_PLAN_DISTANCE_MM, SourceVertebra, SpineModel};
 pub use options::{MapOptions, SearchOptions, TransferOptions, VerdictOptions};
 pub use transfer::{
-    Stage, Target, TargetChanges, Transfer, TransferredTrajectory, VertebraTransfer, transfer,
-    transfer_with_progress,
+    Stage, Target, TargetChanges, TargetSurface, Transfer, TransferredTrajectory, VertebraTransfer,
+    transfer, transfer_with_progress,
 };
 pub use verdict::Rejection;

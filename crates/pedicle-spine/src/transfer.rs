@@ -17,13 +17,42 @@ use crate::search::{Found, Search};
 use crate::verdict::{Deviations, Evidence, Rejection, chain_rejections, rejections};
 use crate::{Shape, SpineError, TransferOptions, VerdictOptions};
 
+/// What the intra-operative sensor gave.
+#[derive(Debug, Clone, PartialEq)]
+pub enum TargetSurface {
+    /// A mesh, mm.
+    Mesh(TriMesh),
+    /// Points without normals, mm.
+    Cloud(Vec<Point3<f64>>),
+}
+
 /// The intra-operative side: one surface in its own frame, and a rough landmark a vertebra.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Target {
-    /// The surface seen, mm.
-    pub surface: TriMesh,
+    /// The surface seen.
+    pub surface: TargetSurface,
     /// The top of each spinous process, to some millimetres.
     pub landmarks: Landmarks,
+}
+
+impl Target {
+    /// A mesh as target.
+    #[must_use]
+    pub fn mesh(mesh: TriMesh, landmarks: Landmarks) -> Self {
+        Self {
+            surface: TargetSurface::Mesh(mesh),
+            landmarks,
+        }
+    }
+
+    /// Points without normals as target.
+    #[must_use]
+    pub fn cloud(points: Vec<Point3<f64>>, landmarks: Landmarks) -> Self {
+        Self {
+            surface: TargetSurface::Cloud(points),
+            landmarks,
+        }
+    }
 }
 
 /// Parts of a transfer, in their order.
@@ -158,7 +187,15 @@ pub fn transfer_with_progress(
     let landmarks = landmarks_by_level(&target.landmarks, Shape::Target)?;
 
     begins(Stage::Spectrum);
-    let (surface, repair) = clean(&target.surface, Shape::Target)?;
+    let mesh = match &target.surface {
+        TargetSurface::Mesh(mesh) => mesh,
+        TargetSurface::Cloud(points) => {
+            return Err(SpineError::CloudTarget {
+                n_points: points.len(),
+            });
+        }
+    };
+    let (surface, repair) = clean(mesh, Shape::Target)?;
     check_units(model, &surface)?;
     check_landmarks(&surface, &landmarks)?;
     let simple = simplified(&surface, &model.map_options, Shape::Target)?;

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use pedicle_mesh::{SurfaceIndex, TriMesh};
-use pedicle_simulation::SpineCase;
+use pedicle_simulation::{MeshingOptions, PhantomParameters, SpineCase, generate_phantom};
 use pedicle_spine::{MapOptions, SourceVertebra, SpineModel};
 use pedicle_trajectory::{
     AnatomicalFrame, Landmarks, Level, Pedicle, PedicleOptions, Plan, Side, anatomical_frames,
@@ -75,6 +75,33 @@ pub(super) fn load(path: &Path, given: &Given<'_>) -> Result<Case, XtaskError> {
         landmarks_from: in_words(landmarks_file.as_deref()),
         vertebrae,
         spine,
+        truth,
+    })
+}
+
+/// A person drawn around the mean phantom, with its own plan and landmarks.
+pub(super) fn subject(name: String, seed: u64) -> Result<Case, XtaskError> {
+    let phantom = generate_phantom(
+        &PhantomParameters::subject(seed),
+        &MeshingOptions::default(),
+    )?;
+    let vertebrae: Vec<SourceVertebra> = phantom
+        .vertebrae
+        .iter()
+        .map(|v| SourceVertebra {
+            level: v.level,
+            surface: v.mesh.clone(),
+        })
+        .collect();
+    let truth = true_vertebrae(&name, &vertebrae)?;
+    Ok(Case {
+        name,
+        plan: phantom.plan(),
+        plan_from: "the phantom".to_owned(),
+        landmarks: phantom.landmarks(),
+        landmarks_from: "the phantom".to_owned(),
+        spine: phantom.spine_case(N_FACES)?,
+        vertebrae,
         truth,
     })
 }

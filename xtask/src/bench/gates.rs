@@ -4,8 +4,8 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use super::cell::Cell;
 use super::published;
-use super::score::Cell;
 use crate::XtaskError;
 
 /// Name of the gates that hold for a spine without gates of its own.
@@ -193,7 +193,7 @@ fn requirement(cell: &Cell) -> Gate {
 mod tests {
     use pedicle_trajectory::Level;
 
-    use super::super::score::CellVertebra;
+    use super::super::cell::CellVertebra;
     use super::*;
 
     fn cell(translation_rmse_mm: f64) -> Cell {
@@ -216,6 +216,7 @@ mod tests {
             vertebrae_total: 50,
             vertebrae_accepted: 50,
             false_accepts: 0,
+            ..Cell::default()
         }
     }
 

@@ -1,37 +1,49 @@
-//! `cargo xtask bench-scenarios`: the published suite, recomputed.
+//! `cargo xtask bench-scenarios`: the published suite, recomputed, and suites beyond it.
 
 mod case;
+mod cell;
 mod gates;
+mod limit;
 mod published;
 mod report;
 mod score;
 mod screws;
+mod suite_report;
+mod suites;
 
 use std::path::PathBuf;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
-use pedicle_simulation::{Scenario, paper_scenarios};
+use pedicle_simulation::{Suite, suite_scenarios};
 use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::{XtaskError, complain, fixture, say};
+use case::Case;
+use cell::{Cell, cells};
 use gates::Gates;
-use score::{Cell, ScenarioScore, cells};
+use score::ScenarioScore;
+use suites::{Spine, SuiteChoice};
 
 /// Run a suite of simulated scenarios and print errors, validity and acceptance beside the
 /// published figures. Exit code 1 when a gate is missed.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
     /// Which scenarios.
-    #[arg(long, value_enum, default_value_t = Suite::Paper)]
-    suite: Suite,
+    #[arg(long, value_enum, default_value_t = SuiteChoice::Paper)]
+    suite: SuiteChoice,
     /// Spine: a folder with L1.ply to L5.ply, or one labelled PLY. Files plan and
     /// landmarks, .ron or .json, beside the surfaces are used; without them plan and landmarks
     /// come from the shape. Without --spine, the phantom in fixtures/.
     #[arg(long, value_name = "PATH")]
     spine: Option<PathBuf>,
+    /// Run on a cohort of this many generated subjects instead of a spine. Who they are follows from
+    /// the seed.
+    #[arg(long, value_name = "N", conflicts_with_all = ["spine", "plan", "landmarks"],
+        value_parser = clap::value_parser!(u32).range(1..))]
+    subjects: Option<u32>,
     /// Planned trajectories, .ron or .json.
     #[arg(long, value_name = "FILE")]
     plan: Option<PathBuf>,
@@ -50,111 +62,195 @@ pub(crate) struct Arguments {
     /// Write the figures as JSON (no times: the same seed gives the same bytes).
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Write the table as Markdown.
+    /// Write the tables as Markdown.
     #[arg(long, value_name = "FILE")]
     markdown: Option<PathBuf>,
-    /// Gates to hold the figures against; fixtures/gates.ron by default.
+    /// Gates to hold the figures of the suite paper against; fixtures/gates.ron by default.
     #[arg(long, value_name = "FILE")]
     gates: Option<PathBuf>,
     /// Rewrite the gates of this spine from this run. Never in CI.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "subjects")]
     update_gates: bool,
     /// Print every vertebra that is invalid or rejected, and every scenario that was refused.
     #[arg(long)]
     explain: bool,
 }
 
-/// A family of scenarios.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize)]
-#[serde(rename_all = "lowercase")]
-enum Suite {
-    /// Rigid, non-rigid and partial targets with noise of 0, 0.5 and 1 mm, as published.
-    Paper,
-}
-
-/// The JSON file.
+/// The JSON of one suite.
 #[derive(Debug, Serialize)]
 struct SuiteFile<'a> {
-    suite: Suite,
+    suite: String,
     spine: &'a str,
+    /// Spines that the cells sum up.
+    n_spines: usize,
     seed: u64,
     draws: u32,
-    cells: &'a [Cell],
+    cells: Vec<Cell>,
+}
+
+/// The JSON of several suites.
+#[derive(Debug, Serialize)]
+struct SuitesFile<'a> {
+    suites: Vec<SuiteFile<'a>>,
+}
+
+/// What a run found.
+struct Outcome {
+    name: String,
+    /// The only spine; none for a cohort.
+    case: Option<Case>,
+    n_spines: usize,
+    /// In the order of the suites.
+    scores: Vec<(Suite, Vec<ScenarioScore>)>,
+    preparation: Duration,
+    n_threads: usize,
 }
 
 impl Arguments {
     pub(crate) fn run(self) -> Result<bool, XtaskError> {
         let started = Instant::now();
-        let spine = self.spine.clone().unwrap_or_else(|| fixture("phantom"));
-        let given = case::Given {
-            plan: self.plan.as_deref(),
-            landmarks: self.landmarks.as_deref(),
-        };
-        let case = case::load(&spine, &given)?;
-        let model = case.model()?;
-        let preparation = started.elapsed();
+        let outcome = self.scores()?;
+        for score in outcome.scores.iter().flat_map(|(_, scores)| scores) {
+            if let Some(reason) = &score.refusal {
+                complain(&format!("scenario refused: {}: {reason}", score.name()));
+            }
+        }
+        let mut files = Vec::new();
+        let mut held = true;
+        let mut documents = Vec::new();
+        for (suite, scores) in &outcome.scores {
+            let cells = cells(scores);
+            let (text, markdown) = self.tables(&outcome, *suite, scores, &cells, started.elapsed());
+            say(&text);
+            if self.explain {
+                say(&suite_report::explanations(scores));
+            }
+            if *suite == Suite::Paper {
+                held &= self.judge(&outcome.name, &cells)?;
+            }
+            documents.push(markdown);
+            files.push(SuiteFile {
+                suite: suite.to_string(),
+                spine: &outcome.name,
+                n_spines: outcome.n_spines,
+                seed: self.seed,
+                draws: self.draws,
+                cells,
+            });
+        }
+        let conclusion = suite_report::conclusion(files.iter().flat_map(|file| &file.cells));
+        say(&conclusion);
+        if let Some(path) = &self.markdown {
+            documents.push(format!("{conclusion}\n"));
+            pedicle::write_text(path, &documents.join("\n"))?;
+        }
+        if let Some(path) = &self.json {
+            match files.pop() {
+                Some(file) if self.suite != SuiteChoice::All => pedicle::write_json(path, &file)?,
+                last => {
+                    files.extend(last);
+                    pedicle::write_json(path, &SuitesFile { suites: files })?;
+                }
+            }
+        }
+        Ok(held)
+    }
 
-        let scenarios = match self.suite {
-            Suite::Paper => paper_scenarios(self.seed, self.draws),
+    /// Runs every scenario on every spine.
+    fn scores(&self) -> Result<Outcome, XtaskError> {
+        let path = self.spine.clone().unwrap_or_else(|| fixture("phantom"));
+        let spines = match self.subjects {
+            Some(n) => Spine::cohort(self.seed, n),
+            None => vec![Spine::Files {
+                path: &path,
+                given: case::Given {
+                    plan: self.plan.as_deref(),
+                    landmarks: self.landmarks.as_deref(),
+                },
+                seed: self.seed,
+            }],
         };
         let mut builder = rayon::ThreadPoolBuilder::new();
         if let Some(threads) = self.threads {
             builder = builder.num_threads(threads.into());
         }
         let pool = builder.build()?;
-        let bar = progress_bar(scenarios.len());
-        let one = |scenario: &Scenario| -> Result<ScenarioScore, XtaskError> {
-            let score = score::run(&case, &model, scenario);
-            bar.inc(1);
-            score
-        };
-        // One scenario a thread; results keep the order of the scenarios.
-        let scores = pool.install(|| {
-            scenarios
-                .par_iter()
-                .map(one)
-                .collect::<Result<Vec<ScenarioScore>, XtaskError>>()
-        })?;
-        bar.finish_and_clear();
-        for score in &scores {
-            if let Some(reason) = &score.refusal {
-                complain(&format!(
-                    "scenario refused: {}: {reason}",
-                    score::name(&score.scenario)
-                ));
-            }
-        }
-
-        let cells = cells(&scores);
-        let summary = report::Summary {
-            case: &case,
-            seed: self.seed,
-            draws: self.draws,
+        let suites = self.suite.suites();
+        let n_cells: usize = suites.iter().map(|suite| suite.cells().len()).sum();
+        let bar = progress_bar(spines.len() * n_cells * self.draws as usize);
+        let mut outcome = Outcome {
+            name: String::new(),
+            case: None,
+            n_spines: spines.len(),
+            scores: suites.iter().map(|&suite| (suite, Vec::new())).collect(),
+            preparation: Duration::ZERO,
             n_threads: pool.current_num_threads(),
-            preparation,
-            total: started.elapsed(),
-            scores: &scores,
-            cells: &cells,
         };
-        say(&summary.text());
-        if self.explain {
-            say(&summary.explanations());
+        for spine in &spines {
+            let loading = Instant::now();
+            let case = spine.load()?;
+            let model = case.model()?;
+            outcome.preparation += loading.elapsed();
+            for (suite, scores) in &mut outcome.scores {
+                let scenarios = suite_scenarios(*suite, spine.seed(), self.draws);
+                // One scenario a thread; results keep the order of the scenarios.
+                let found = pool.install(|| {
+                    scenarios
+                        .par_iter()
+                        .map(|scenario| {
+                            let score = score::run(&case, &model, scenario);
+                            bar.inc(1);
+                            score
+                        })
+                        .collect::<Result<Vec<ScenarioScore>, XtaskError>>()
+                })?;
+                scores.extend(found);
+            }
+            outcome.name.clone_from(&case.name);
+            outcome.case = Some(case);
         }
-        let held = self.judge(&case.name, &cells)?;
-        if let Some(path) = &self.markdown {
-            pedicle::write_text(path, &summary.markdown())?;
+        bar.finish_and_clear();
+        if let Some(n) = self.subjects {
+            outcome.name = format!("{n} subjects");
+            outcome.case = None;
         }
-        if let Some(path) = &self.json {
-            let file = SuiteFile {
-                suite: self.suite,
-                spine: &case.name,
+        Ok(outcome)
+    }
+
+    /// The tables of one suite for a terminal and for a document.
+    fn tables(
+        &self,
+        outcome: &Outcome,
+        suite: Suite,
+        scores: &[ScenarioScore],
+        cells: &[Cell],
+        total: Duration,
+    ) -> (String, String) {
+        if suite == Suite::Paper {
+            let summary = report::Summary {
+                case: outcome.case.as_ref(),
+                spine: &outcome.name,
                 seed: self.seed,
                 draws: self.draws,
-                cells: &cells,
+                n_threads: outcome.n_threads,
+                preparation: outcome.preparation,
+                total,
+                scores,
+                cells,
             };
-            pedicle::write_json(path, &file)?;
+            return (summary.text(), summary.markdown());
         }
-        Ok(held)
+        let times = report::times(scores, outcome.preparation, total, outcome.n_threads);
+        let summary = suite_report::SuiteSummary {
+            suite,
+            spine: &outcome.name,
+            seed: self.seed,
+            draws: self.draws,
+            scores,
+            cells,
+            times,
+        };
+        (summary.text(), summary.markdown())
     }
 
     fn judge(&self, spine: &str, cells: &[Cell]) -> Result<bool, XtaskError> {

@@ -1,4 +1,4 @@
-//! The figures for people: tables on the terminal and in Markdown.
+//! The figures of the published suite for people: tables on the terminal and in Markdown.
 
 use std::time::Duration;
 
@@ -8,12 +8,16 @@ use pedicle_spine::Stage;
 use pedicle_trajectory::Level;
 
 use super::case::Case;
-use super::score::{Cell, ScenarioScore, name};
+use super::cell::Cell;
+use super::score::ScenarioScore;
 use super::{published, screws};
 
 /// All that is reported of one run.
 pub(super) struct Summary<'a> {
-    pub(super) case: &'a Case,
+    /// The spine; none for a cohort.
+    pub(super) case: Option<&'a Case>,
+    /// Its name, or the cohort's.
+    pub(super) spine: &'a str,
     pub(super) seed: u64,
     pub(super) draws: u32,
     pub(super) n_threads: usize,
@@ -26,65 +30,59 @@ pub(super) struct Summary<'a> {
 impl Summary<'_> {
     /// Everything, for a terminal.
     pub(super) fn text(&self) -> String {
-        format!(
-            "{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}",
+        let mut text = format!(
+            "{}\n{}\n{}\n{}\n",
             self.heading(),
             self.errors(UTF8_FULL_CONDENSED),
             self.validity(UTF8_FULL_CONDENSED),
             screws::origins(self.scores),
-            screws::heading(&self.case.plan_from),
-            screws::table(self.case, UTF8_FULL_CONDENSED),
-            screws::counts(&self.case.plan),
-            self.times()
-        )
+        );
+        if let Some(case) = self.case {
+            text.push_str(&format!(
+                "{}\n{}\n{}\n",
+                screws::heading(&case.plan_from),
+                screws::table(case, UTF8_FULL_CONDENSED),
+                screws::counts(&case.plan),
+            ));
+        }
+        text + &self.times()
     }
 
     /// Everything, for a document.
     pub(super) fn markdown(&self) -> String {
-        format!(
-            "# Suite `paper` on {}\n\n{}\n\n{}\n\n{}\n\n{}\n\n{}\n\n{}\n\n{}\n\n{}\n",
-            self.case.name,
+        let mut text = format!(
+            "# Suite `paper` on {}\n\n{}\n\n{}\n\n{}\n\n{}\n\n",
+            self.spine,
             self.heading(),
             self.errors(ASCII_MARKDOWN),
             self.validity(ASCII_MARKDOWN),
             screws::origins(self.scores),
-            screws::heading(&self.case.plan_from),
-            screws::table(self.case, ASCII_MARKDOWN),
-            screws::counts(&self.case.plan),
-            self.times()
-        )
-    }
-
-    /// Every scenario that was refused, every vertebra that is not both valid and accepted.
-    pub(super) fn explanations(&self) -> String {
-        let mut lines = Vec::new();
-        for score in self.scores {
-            if let Some(reason) = &score.refusal {
-                lines.push(format!("{}: refused: {reason}", name(&score.scenario)));
-                continue;
-            }
-            for v in &score.vertebrae {
-                let valid = v.n_valid_by_margin == v.n_trajectories
-                    && v.n_valid_by_geometry == v.n_trajectories;
-                if !(valid && v.accepted) {
-                    lines.push(format!("{}: {}", name(&score.scenario), v.detail));
-                }
-            }
+        );
+        if let Some(case) = self.case {
+            text.push_str(&format!(
+                "{}\n\n{}\n\n{}\n\n",
+                screws::heading(&case.plan_from),
+                screws::table(case, ASCII_MARKDOWN),
+                screws::counts(&case.plan),
+            ));
         }
-        lines.join("\n")
+        text + &self.times() + "\n"
     }
 
     fn heading(&self) -> String {
+        let from = self.case.map_or_else(String::new, |case| {
+            format!(
+                "; plan from {}, landmarks from {}",
+                case.plan_from, case.landmarks_from
+            )
+        });
         format!(
-            "{}: {} scenarios ({} draws a cell), seed {}; plan from {}, landmarks from {}. RMSE in \
-             mm / degrees, per vertebra: ours, published (its V1 taken as L5), and the Cramér-Rao \
-             bound of the surface.",
-            self.case.name,
+            "{}: {} scenarios ({} draws a cell), seed {}{from}. RMSE in mm / degrees, per vertebra: \
+             ours, published (its V1 taken as L5), and the Cramér-Rao bound of the surface.",
+            self.spine,
             self.scores.len(),
             self.draws,
             self.seed,
-            self.case.plan_from,
-            self.case.landmarks_from
         )
     }
 
@@ -187,29 +185,37 @@ impl Summary<'_> {
     }
 
     fn times(&self) -> String {
-        let mut parts = vec![format!("source {:.2} s", self.preparation.as_secs_f64())];
-        for stage in [Stage::Spectrum, Stage::Map, Stage::Search, Stage::Finish] {
-            let mut times: Vec<Duration> = self
-                .scores
-                .iter()
-                .flat_map(|s| &s.stages)
-                .filter(|(s, _)| *s == stage)
-                .map(|(_, time)| *time)
-                .collect();
-            times.sort();
-            let median = times.get(times.len() / 2).copied().unwrap_or_default();
-            parts.push(format!("{stage} {:.0} ms", 1e3 * median.as_secs_f64()));
-        }
-        let memory =
-            peak_memory_mib().map_or_else(String::new, |mib| format!("; peak memory {mib:.0} MiB"));
-        format!(
-            "time: {} (medians per scenario); all {} scenarios in {:.1} s on {} threads{memory}",
-            parts.join(", "),
-            self.scores.len(),
-            self.total.as_secs_f64(),
-            self.n_threads
-        )
+        times(self.scores, self.preparation, self.total, self.n_threads)
     }
+}
+
+/// Medians of the stages and the time of everything.
+pub(super) fn times(
+    scores: &[ScenarioScore],
+    preparation: Duration,
+    total: Duration,
+    n_threads: usize,
+) -> String {
+    let mut parts = vec![format!("source {:.2} s", preparation.as_secs_f64())];
+    for stage in [Stage::Spectrum, Stage::Map, Stage::Search, Stage::Finish] {
+        let mut times: Vec<Duration> = scores
+            .iter()
+            .flat_map(|s| &s.stages)
+            .filter(|(s, _)| *s == stage)
+            .map(|(_, time)| *time)
+            .collect();
+        times.sort();
+        let median = times.get(times.len() / 2).copied().unwrap_or_default();
+        parts.push(format!("{stage} {:.0} ms", 1e3 * median.as_secs_f64()));
+    }
+    let memory =
+        peak_memory_mib().map_or_else(String::new, |mib| format!("; peak memory {mib:.0} MiB"));
+    format!(
+        "time: {} (medians per scenario); all {} scenarios in {:.1} s on {n_threads} threads{memory}",
+        parts.join(", "),
+        scores.len(),
+        total.as_secs_f64(),
+    )
 }
 
 fn row_start(cell: &Cell, which: &str) -> Vec<String> {
@@ -241,7 +247,10 @@ fn pair(mm: f64, degrees: f64) -> String {
     format!("{}/{}", digits(mm), digits(degrees))
 }
 
-fn share(part: usize, whole: usize) -> String {
+pub(super) fn share(part: usize, whole: usize) -> String {
+    if whole == 0 {
+        return "-".to_owned();
+    }
     format!("{part} ({:.1} %)", 100.0 * part as f64 / whole as f64)
 }
 

@@ -8,6 +8,8 @@ mod phantom;
 mod real_spines;
 mod scenarios;
 mod section;
+mod sensor;
+mod suites;
 
 use std::sync::OnceLock;
 

@@ -70,10 +70,7 @@ fn simulated(deformation: Deformation, noise_mm: f64, seed: u64) -> SimulatedTar
 }
 
 fn target_of(simulated: &SimulatedTarget) -> Target {
-    Target {
-        surface: simulated.mesh.clone(),
-        landmarks: simulated.target_landmarks.clone(),
-    }
+    Target::mesh(simulated.mesh.clone(), simulated.target_landmarks.clone())
 }
 
 fn run(target: &Target) -> Transfer {
@@ -166,15 +163,16 @@ fn the_same_seed_gives_the_same_result_to_the_last_bit() {
 
 #[test]
 fn a_moved_target_gives_the_moved_result() {
-    let target = target_of(&simulated(Deformation::NonRigid, 0.5, 6));
+    let simulated = simulated(Deformation::NonRigid, 0.5, 6);
+    let target = target_of(&simulated);
     let motion = Isometry3::new(
         Vector3::new(500.0, -200.0, 90.0),
         Vector3::new(2.0, 0.4, -1.1),
     );
-    let mut moved = Target {
-        surface: target.surface.transformed(&motion),
-        landmarks: target.landmarks.clone(),
-    };
+    let mut moved = Target::mesh(
+        simulated.mesh.transformed(&motion),
+        target.landmarks.clone(),
+    );
     for landmark in &mut moved.landmarks.landmarks {
         landmark.position_mm = motion * landmark.position_mm;
     }
@@ -230,7 +228,7 @@ fn a_vertebra_that_is_not_there_is_rejected_and_the_others_stay_right() {
             .collect();
         let surface = simulated.mesh.submesh_of_faces(&kept).unwrap().mesh;
         let landmarks = simulated.target_landmarks.clone();
-        let found = run(&Target { surface, landmarks });
+        let found = run(&Target::mesh(surface, landmarks));
         for (v, t) in found.vertebrae.iter().zip(&simulated.truth) {
             let error = t.error_of(&v.target_from_source);
             let valid =
@@ -502,7 +500,7 @@ fn a_target_in_other_units_is_recognised() {
         for landmark in &mut landmarks.landmarks {
             landmark.position_mm *= factor;
         }
-        let target = Target { surface, landmarks };
+        let target = Target::mesh(surface, landmarks);
         let plan = scene().phantom.plan();
         let error =
             transfer(&scene().model, &plan, &target, &TransferOptions::default()).unwrap_err();

@@ -81,10 +81,7 @@ impl Arguments {
             seed: self.seed,
         };
         let simulated = simulate(&case, &scenario)?;
-        let target = Target {
-            surface: simulated.mesh.clone(),
-            landmarks: simulated.target_landmarks.clone(),
-        };
+        let target = Target::mesh(simulated.mesh.clone(), simulated.target_landmarks.clone());
         if let Some(folder) = &self.save {
             std::fs::create_dir_all(folder).map_err(|source| Error::Write {
                 path: folder.clone(),
@@ -100,7 +97,7 @@ impl Arguments {
             }
             write_mesh(
                 folder.join("target.ply"),
-                &target.surface,
+                &simulated.mesh,
                 &WriteOptions::default(),
             )?;
             write_plan(folder.join("plan.ron"), &plan)?;
@@ -124,7 +121,7 @@ impl Arguments {
         say(&format!(
             "Phantom spine, {:?} target of {} vertices, noise {} mm, seed {}.\n",
             self.deformation,
-            target.surface.n_vertices(),
+            simulated.mesh.n_vertices(),
             self.noise_mm,
             self.seed
         ));

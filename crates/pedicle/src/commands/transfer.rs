@@ -49,10 +49,10 @@ impl Arguments {
         let vertebrae = read_spine(&self.source)?;
         let plan = read_plan(&self.plan)?;
         let source_landmarks = read_landmarks(&self.source_landmarks)?;
-        let target = Target {
-            surface: read_mesh(&self.target)?.mesh,
-            landmarks: read_landmarks(&self.target_landmarks)?,
-        };
+        let target = Target::mesh(
+            read_mesh(&self.target)?.mesh,
+            read_landmarks(&self.target_landmarks)?,
+        );
         bar.inc(1);
 
         bar.set_message("preparing the source");
