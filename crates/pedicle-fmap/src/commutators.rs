@@ -147,7 +147,7 @@ impl CrossTerms {
     fn new(factor: f64, sign: f64, x: &Stack, y: &Stack) -> Self {
         let columns = y.columns();
         let mut rows = vec![0.0; columns.nrows() * columns.ncols()];
-        for (i, row) in rows.chunks_exact_mut(y.count).enumerate() {
+        for (i, row) in rows.chunks_exact_mut(y.count.max(1)).enumerate() {
             for (value, j) in row.iter_mut().zip(0..) {
                 *value = sign * factor * columns[(i, j)];
             }
