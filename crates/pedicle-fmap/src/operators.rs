@@ -66,10 +66,15 @@ impl OperatorMaker {
         let order = breadth_first(mesh.faces(), n);
         let n_blocks = count.div_ceil(WIDTH);
         let mut blocks = vec![[0.0; WIDTH]; n * n_blocks];
-        for j in 0..count {
-            let column = functions.col(j);
-            for (block, &vertex) in blocks.chunks_exact_mut(n_blocks).zip(&order) {
-                block[j / WIDTH][j % WIDTH] = column[vertex as usize];
+        // A few columns at a time: they fit a cache, and fill whole lines of it.
+        for block in 0..n_blocks {
+            let columns: Vec<_> = (block * WIDTH..count.min((block + 1) * WIDTH))
+                .map(|j| functions.col(j))
+                .collect();
+            for (blocks, &vertex) in blocks.chunks_exact_mut(n_blocks).zip(&order) {
+                for (value, column) in blocks[block].iter_mut().zip(&columns) {
+                    *value = column[vertex as usize];
+                }
             }
         }
         let mut position = vec![0; n];

@@ -21,9 +21,9 @@ use crate::{
     stack::Stack,
 };
 
-/// Share of the largest squared norm below which a direction is left out: 1e-6 in norm, far below
-/// what descriptors are known to, and above the rounding of the products that find it.
-const NEGLIGIBLE: f64 = 1e-10;
+/// Share of the largest squared norm below which a direction is left out: 1e-4 in norm. Descriptors
+/// of two shapes agree to some percent, and the energy changes by 1e-8 of itself.
+const NEGLIGIBLE: f64 = 1e-8;
 
 /// Pairs of functions, mixed into their principal directions.
 struct FunctionPairs {
