@@ -12,7 +12,10 @@
 use faer::{Accum, Mat, MatRef, Par, linalg::matmul::matmul};
 use rayon::prelude::*;
 
-use crate::lanes::{LANES, Lanes};
+use crate::{
+    lanes::{LANES, Lanes},
+    scalar::Scalar,
+};
 
 /// Leaves in a group, a whole number of lanes.
 const LEAVES_PER_GROUP: usize = 16;
@@ -23,19 +26,19 @@ const ROWS_PER_TASK: usize = 2048;
 
 /// See the module.
 #[derive(Debug, Clone)]
-pub(crate) struct BallTree {
+pub(crate) struct BallTree<T> {
     /// The row at every position.
     pub(crate) order: Vec<u32>,
     /// Φ by position.
-    pub(crate) functions: Lanes,
+    pub(crate) functions: Lanes<T>,
     /// The rows as they are now, by position.
-    pub(crate) rows: Lanes,
+    pub(crate) rows: Lanes<T>,
     /// Norm of the longest row.
     pub(crate) largest_norm: f64,
     /// Around leaves.
-    pub(crate) leaves: Balls,
+    pub(crate) leaves: Balls<T>,
     /// Around groups.
-    pub(crate) groups: Balls,
+    pub(crate) groups: Balls<T>,
 }
 
 /// Whether the balls are laid anew around carried rows.
@@ -49,21 +52,26 @@ pub(crate) enum CarryBalls {
 
 /// Balls around runs of positions.
 #[derive(Debug, Clone)]
-pub(crate) struct Balls {
+pub(crate) struct Balls<T> {
     /// Means of the rows.
-    pub(crate) centres: Lanes,
+    pub(crate) centres: Lanes<T>,
     /// Farthest row from the centre.
     pub(crate) radii: Vec<f64>,
 }
 
-impl BallTree {
-    /// Orders the rows of an n × k matrix that will be carried to at most `n_coordinates`.
-    pub(crate) fn new(matrix: MatRef<'_, f64>, n_coordinates: usize) -> Self {
-        let order = neighbours_side_by_side(matrix);
+impl<T: Scalar> BallTree<T> {
+    /// The rows of an n × k matrix in an order in which neighbours stand side by side, times a
+    /// factor, to be carried to at most `n_coordinates`.
+    pub(crate) fn new(
+        matrix: MatRef<'_, f64>,
+        order: Vec<u32>,
+        factor: f64,
+        n_coordinates: usize,
+    ) -> Self {
         let n = order.len();
         let n_leaves = n.div_ceil(LANES);
         Self {
-            functions: Lanes::from_rows(matrix, &order),
+            functions: Lanes::from_rows(matrix, &order, factor),
             rows: Lanes::zeros(n, n_coordinates),
             largest_norm: 0.0,
             leaves: Balls::new(n_leaves, n_coordinates),
@@ -74,7 +82,8 @@ impl BallTree {
 
     /// Rows that stay where they are.
     pub(crate) fn at_rest(matrix: MatRef<'_, f64>) -> Self {
-        let mut tree = Self::new(matrix, matrix.ncols());
+        let order = neighbours_side_by_side(matrix);
+        let mut tree = Self::new(matrix, order, 1.0, matrix.ncols());
         tree.rows = tree.functions.clone();
         tree.lay_balls(matrix.ncols());
         tree
@@ -94,14 +103,21 @@ impl BallTree {
 
     /// Carries all rows by C, n_target × n_source. Balls that nobody will ask for stay where they
     /// were.
-    pub(crate) fn carry(&mut self, map: MatRef<'_, f64>, with: CarryBalls) {
+    pub(crate) fn carry(&mut self, map: MatRef<'_, T>, with: CarryBalls) {
         let (n_target, n_source) = map.shape();
         let functions = &self.functions;
         let batches = self.rows.batches_mut().enumerate();
         batches.for_each(|(batch, mut rows)| {
             let out = rows.as_mut().subcols_mut(0, n_target);
             let phi = functions.batch(batch).subcols(0, n_source);
-            matmul(out, Accum::Replace, phi, map.transpose(), 1.0, Par::Seq);
+            matmul(
+                out,
+                Accum::Replace,
+                phi,
+                map.transpose(),
+                T::of(1.0),
+                Par::Seq,
+            );
         });
         if with == CarryBalls::Yes {
             self.lay_balls(n_target);
@@ -124,7 +140,7 @@ impl BallTree {
     }
 }
 
-impl Balls {
+impl<T: Scalar> Balls<T> {
     fn new(count: usize, n_coordinates: usize) -> Self {
         Self {
             centres: Lanes::zeros(count, n_coordinates),
@@ -140,7 +156,7 @@ impl Balls {
     fn set(&mut self, balls: &[Ball]) {
         for (i, ball) in balls.iter().enumerate() {
             for (j, c) in ball.centre.iter().enumerate() {
-                self.centres.set(i, j, *c);
+                self.centres.set(i, j, T::of(*c));
             }
             self.radii[i] = ball.radius;
         }
@@ -153,8 +169,8 @@ struct Ball {
     largest_norm: f64,
 }
 
-/// The ball around a run of rows that begins with a leaf.
-fn ball(rows: &Lanes, n_coordinates: usize, run: std::ops::Range<usize>) -> Ball {
+/// The ball around a run of rows that begins with a leaf, with room for the rounding of its centre.
+fn ball<T: Scalar>(rows: &Lanes<T>, n_coordinates: usize, run: std::ops::Range<usize>) -> Ball {
     let share = 1.0 / run.len() as f64;
     let leaves = run.start / LANES..run.end.div_ceil(LANES);
     let mut centre = vec![0.0; n_coordinates];
@@ -163,6 +179,7 @@ fn ball(rows: &Lanes, n_coordinates: usize, run: std::ops::Range<usize>) -> Ball
         let used = LANES.min(run.end - leaf * LANES);
         let mut norms = [0.0; LANES];
         for (c, row) in centre.iter_mut().zip(rows.leaf(leaf, n_coordinates)) {
+            let row = row.map(T::wide);
             *c += share * row[..used].iter().sum::<f64>();
             for lane in 0..LANES {
                 norms[lane] += row[lane] * row[lane];
@@ -170,10 +187,12 @@ fn ball(rows: &Lanes, n_coordinates: usize, run: std::ops::Range<usize>) -> Ball
         }
         largest_norm = norms.into_iter().fold(largest_norm, more);
     }
+    centre.iter_mut().for_each(|c| *c = T::of(*c).wide());
     let mut radius = 0.0;
     for leaf in leaves {
         let mut squared = [0.0; LANES];
         for (c, row) in centre.iter().zip(rows.leaf(leaf, n_coordinates)) {
+            let row = row.map(T::wide);
             for lane in 0..LANES {
                 squared[lane] += (row[lane] - c) * (row[lane] - c);
             }

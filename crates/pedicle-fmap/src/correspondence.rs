@@ -16,7 +16,8 @@
 //! C' += Σ_y M(y) Φ_target(y, ·)ᵀ (Φ_source(T_new(y), ·) - Φ_source(T_old(y), ·))
 //! ```
 //!
-//! Vertices are kept in an order in which neighbours stand side by side.
+//! Searches between steps run in single precision on rows scaled by powers of two, the one that a
+//! result comes from in double. Vertices are kept in an order in which neighbours stand side by side.
 
 use faer::{Accum, Mat, MatRef, Par, linalg::matmul::matmul};
 use pedicle_spectral::LaplaceBasis;
@@ -33,11 +34,13 @@ use crate::{
 const CHANGES_PER_PRODUCT: usize = 256;
 
 /// A whole search is due when the number of functions has grown by one part in so many.
-const WHOLE_SEARCH_GROWTH: usize = 3;
+const WHOLE_SEARCH_GROWTH: usize = 2;
 
 /// See the module.
 pub(crate) struct Correspondence {
-    source: BallTree,
+    source: BallTree<f64>,
+    /// For searches between steps, once there are any.
+    steps: Option<Steps>,
     /// The target vertex at every position: neighbours side by side.
     order: Vec<u32>,
     /// Φ_targetᵀ by position.
@@ -56,6 +59,15 @@ pub(crate) struct Correspondence {
     pulled_back: Mat<f64>,
 }
 
+/// Both shapes in single precision.
+struct Steps {
+    source: BallTree<f32>,
+    /// Φ_targetᵀ by position, times `factors.0`.
+    functions: Mat<f32>,
+    /// Powers of two that bring the functions of the target and of the source to about 1.
+    factors: (f64, f64),
+}
+
 impl Correspondence {
     /// Between the first `n_target` and `n_source` functions of two bases; no point map yet.
     pub(crate) fn new(
@@ -65,7 +77,10 @@ impl Correspondence {
     ) -> Self {
         let rows = functions(target, n_target);
         let (source, order) = rayon::join(
-            || BallTree::new(functions(source, n_source), n_target),
+            || {
+                let rows = functions(source, n_source);
+                BallTree::new(rows, neighbours_side_by_side(rows), 1.0, n_target)
+            },
             || neighbours_side_by_side(rows),
         );
         let mut by_position = Mat::zeros(n_target, order.len());
@@ -84,38 +99,40 @@ impl Correspondence {
             pulled_back: Mat::zeros(n_target, n_source),
             order,
             source,
+            steps: None,
         }
     }
 
     /// Nearest rows for a map of any size within the bases; the number of images it changed.
     pub(crate) fn assign(&mut self, map: MatRef<'_, f64>) -> usize {
-        self.search(map, Search::Whole)
+        // Their memory is better used for the exact rows.
+        self.steps = None;
+        self.source.carry(map, CarryBalls::Yes);
+        let queries = self.functions.subrows(0, map.nrows());
+        search(&self.source, queries, &mut self.known, Search::Whole);
+        self.replace()
     }
 
-    /// The same for one of many small steps: searches everywhere only when the number of functions
-    /// has grown by a third since that was last done, and among what came near then in between.
+    /// The same for one of many small steps, to single precision: searches everywhere only when the
+    /// number of functions has grown by a half since that was last done, and among what came near
+    /// then in between.
     pub(crate) fn assign_step(&mut self, map: MatRef<'_, f64>) -> usize {
         let due = |n: usize, searched_at: usize| {
             n >= searched_at + searched_at.div_ceil(WHOLE_SEARCH_GROWTH)
         };
         let (n_target, n_source) = map.shape();
-        if !due(n_target, self.searched_at.0) && !due(n_source, self.searched_at.1) {
-            return self.search(map, Search::Remembered);
-        }
-        self.searched_at = (n_target, n_source);
-        self.search(map, Search::WholeRemembering)
-    }
-
-    fn search(&mut self, map: MatRef<'_, f64>, how: Search) -> usize {
-        let balls = match how {
-            Search::Remembered => CarryBalls::No,
-            _ => CarryBalls::Yes,
+        let how = if due(n_target, self.searched_at.0) || due(n_source, self.searched_at.1) {
+            self.searched_at = (n_target, n_source);
+            Search::WholeRemembering
+        } else {
+            Search::Remembered
         };
-        self.source.carry(map, balls);
-        let queries = self.functions.subrows(0, map.nrows());
-        search(&self.source, queries, &mut self.known, how);
-        let images = self.known.iter().map(|known| known.image).collect();
-        self.replace(images)
+        let steps = match &mut self.steps {
+            Some(steps) => steps,
+            none => none.insert(Steps::new(&self.source, &self.functions)),
+        };
+        steps.search(map, &mut self.known, how);
+        self.replace()
     }
 
     /// C' of the present point map in the first functions, n_target × n_source.
@@ -180,8 +197,9 @@ impl Correspondence {
         }
     }
 
-    /// Takes new images, corrects C' and says how many have changed.
-    fn replace(&mut self, images: Vec<Option<u32>>) -> usize {
+    /// Takes the images that are known now, corrects C' and says how many have changed.
+    fn replace(&mut self) -> usize {
+        let images: Vec<Option<u32>> = self.known.iter().map(|known| known.image).collect();
         let changed: Vec<usize> = (0..images.len())
             .filter(|&y| self.images[y] != images[y])
             .collect();
@@ -215,6 +233,47 @@ impl Correspondence {
         }
         self.images = images;
         changed.len()
+    }
+}
+
+impl Steps {
+    fn new(source: &BallTree<f64>, target_functions: &Mat<f64>) -> Self {
+        let order: Vec<u32> = (0..source.n_rows() as u32).collect();
+        let (n_source, n_target) = (source.functions.dimension(), target_functions.nrows());
+        let rows = Mat::from_fn(order.len(), n_source, |p, j| source.functions.get(p, j));
+        let factors = (
+            scaling_power_of_two(target_functions.norm_max()),
+            scaling_power_of_two(rows.norm_max()),
+        );
+        Self {
+            functions: Mat::from_fn(n_target, target_functions.ncols(), |j, p| {
+                (factors.0 * target_functions[(j, p)]) as f32
+            }),
+            source: BallTree::new(rows.as_ref(), order, factors.1, n_target),
+            factors,
+        }
+    }
+
+    fn search(&mut self, map: MatRef<'_, f64>, known: &mut [Known], how: Search) {
+        let balls = match how {
+            Search::Remembered => CarryBalls::No,
+            Search::Whole | Search::WholeRemembering => CarryBalls::Yes,
+        };
+        let factor = self.factors.0 / self.factors.1;
+        let (n_target, n_source) = map.shape();
+        let map = Mat::from_fn(n_target, n_source, |i, j| (factor * map[(i, j)]) as f32);
+        self.source.carry(map.as_ref(), balls);
+        let queries = self.functions.subrows(0, n_target);
+        search(&self.source, queries, known, how);
+    }
+}
+
+/// The power of two nearest to 1 / size; 1 for a size of nothing.
+fn scaling_power_of_two(size: f64) -> f64 {
+    if size > 0.0 {
+        (-size.log2()).round().exp2()
+    } else {
+        1.0
     }
 }
 

@@ -9,6 +9,8 @@
 
 use faer::{MatMut, MatRef};
 
+use crate::scalar::Scalar;
+
 /// Rows in a leaf.
 pub(crate) const LANES: usize = 8;
 /// Rows in a batch, for products to be worth their while.
@@ -19,39 +21,44 @@ const LEAVES_PER_BATCH: usize = ROWS_PER_BATCH / LANES;
 const CHECK_EVERY: usize = 16;
 
 /// One number of each of eight rows.
-pub(crate) type Row = [f64; LANES];
+pub(crate) type Row<T> = [T; LANES];
 
 /// Rows in batches, each a 32 × dimension matrix stored by columns.
 ///
 /// Places beyond the last row hold the last row once more, if they hold anything.
 #[derive(Debug, Clone)]
-pub(crate) struct Lanes {
-    values: Vec<Row>,
+pub(crate) struct Lanes<T> {
+    values: Vec<Row<T>>,
     n_rows: usize,
     dimension: usize,
 }
 
-impl Lanes {
+impl<T: Scalar> Lanes<T> {
     pub(crate) fn zeros(n_rows: usize, dimension: usize) -> Self {
         let n_batches = n_rows.div_ceil(ROWS_PER_BATCH);
         Self {
-            values: vec![[0.0; LANES]; n_batches * LEAVES_PER_BATCH * dimension],
+            values: vec![[T::ZERO; LANES]; n_batches * LEAVES_PER_BATCH * dimension],
             n_rows,
             dimension,
         }
     }
 
-    /// The rows of a matrix in an order.
-    pub(crate) fn from_rows(matrix: MatRef<'_, f64>, order: &[u32]) -> Self {
+    /// The rows of a matrix in an order, times a factor.
+    pub(crate) fn from_rows(matrix: MatRef<'_, f64>, order: &[u32], factor: f64) -> Self {
         let mut lanes = Self::zeros(order.len(), matrix.ncols());
         let last = order.len().saturating_sub(1);
         for place in 0..lanes.n_batches() * ROWS_PER_BATCH {
             let row = order[place.min(last)] as usize;
             for j in 0..matrix.ncols() {
-                lanes.set(place, j, matrix[(row, j)]);
+                lanes.set(place, j, T::of(factor * matrix[(row, j)]));
             }
         }
         lanes
+    }
+
+    /// Number of coordinates.
+    pub(crate) fn dimension(&self) -> usize {
+        self.dimension
     }
 
     pub(crate) fn n_rows(&self) -> usize {
@@ -68,17 +75,17 @@ impl Lanes {
         column * LEAVES_PER_BATCH + leaf % LEAVES_PER_BATCH
     }
 
-    pub(crate) fn set(&mut self, row: usize, coordinate: usize, value: f64) {
+    pub(crate) fn set(&mut self, row: usize, coordinate: usize, value: T) {
         let place = self.place(row / LANES, coordinate);
         self.values[place][row % LANES] = value;
     }
 
-    pub(crate) fn get(&self, row: usize, coordinate: usize) -> f64 {
+    pub(crate) fn get(&self, row: usize, coordinate: usize) -> T {
         self.values[self.place(row / LANES, coordinate)][row % LANES]
     }
 
     /// A batch, 32 × dimension.
-    pub(crate) fn batch(&self, batch: usize) -> MatRef<'_, f64> {
+    pub(crate) fn batch(&self, batch: usize) -> MatRef<'_, T> {
         let size = LEAVES_PER_BATCH * self.dimension;
         let values = self.values[batch * size..(batch + 1) * size].as_flattened();
         MatRef::from_column_major_slice(values, ROWS_PER_BATCH, self.dimension)
@@ -87,7 +94,7 @@ impl Lanes {
     /// All batches, one slice each.
     pub(crate) fn batches_mut(
         &mut self,
-    ) -> impl rayon::iter::IndexedParallelIterator<Item = MatMut<'_, f64>> {
+    ) -> impl rayon::iter::IndexedParallelIterator<Item = MatMut<'_, T>> {
         use rayon::prelude::*;
         let dimension = self.dimension;
         let chunks = self.values.par_chunks_mut(LEAVES_PER_BATCH * dimension);
@@ -102,7 +109,7 @@ impl Lanes {
 
     /// The first coordinates of the rows of a leaf.
     #[inline(always)]
-    pub(crate) fn leaf(&self, leaf: usize, count: usize) -> impl Iterator<Item = &Row> {
+    pub(crate) fn leaf(&self, leaf: usize, count: usize) -> impl Iterator<Item = &Row<T>> {
         let rows = &self.values[self.place(leaf, 0)..];
         rows.iter().step_by(LEAVES_PER_BATCH).take(count)
     }
@@ -111,11 +118,11 @@ impl Lanes {
     ///
     /// Once all are above `enough`, the sums so far are returned: lower bounds.
     #[inline(always)]
-    pub(crate) fn squared_distances(&self, leaf: usize, query: &[f64], enough: f64) -> Row {
+    pub(crate) fn squared_distances(&self, leaf: usize, query: &[T], enough: f64) -> Row<T> {
         let first = self.place(leaf, 0);
         let rows = &self.values[first..first + (query.len() - 1) * LEAVES_PER_BATCH + 1];
         // Two sums, so that one addition need not wait for the other.
-        let (mut even, mut odd) = ([0.0; LANES], [0.0; LANES]);
+        let (mut even, mut odd) = ([T::ZERO; LANES], [T::ZERO; LANES]);
         let rows = rows.chunks(CHECK_EVERY * LEAVES_PER_BATCH);
         for (rows, query) in rows.zip(query.chunks(CHECK_EVERY)) {
             let pairs = rows.chunks(2 * LEAVES_PER_BATCH).zip(query.chunks(2));
@@ -125,7 +132,7 @@ impl Lanes {
                     odd = plus_squares(odd, *row, *q);
                 }
             }
-            if smallest_of(&plus(even, odd)) > enough {
+            if smallest_of(&plus(even, odd)).wide() > enough {
                 break;
             }
         }
@@ -134,30 +141,30 @@ impl Lanes {
 }
 
 #[inline(always)]
-fn plus(a: Row, b: Row) -> Row {
+fn plus<T: Scalar>(a: Row<T>, b: Row<T>) -> Row<T> {
     let mut sum = a;
     for lane in 0..LANES {
-        sum[lane] += b[lane];
+        sum[lane] = sum[lane] + b[lane];
     }
     sum
 }
 
 /// sum + (row - q)², by value: in memory the compiler would have to go entry by entry.
 #[inline(always)]
-fn plus_squares(sum: Row, row: Row, q: f64) -> Row {
+fn plus_squares<T: Scalar>(sum: Row<T>, row: Row<T>, q: T) -> Row<T> {
     let mut out = sum;
     for lane in 0..LANES {
         let difference = row[lane] - q;
-        out[lane] = difference.mul_add(difference, out[lane]);
+        out[lane] = difference.fused(difference, out[lane]);
     }
     out
 }
 
 /// The smallest of eight.
 #[inline(always)]
-pub(crate) fn smallest_of(row: &Row) -> f64 {
-    let less = |a: f64, b: f64| if a < b { a } else { b };
-    let mut half = [0.0; LANES / 2];
+pub(crate) fn smallest_of<T: Scalar>(row: &Row<T>) -> T {
+    let less = |a: T, b: T| if a < b { a } else { b };
+    let mut half = [T::ZERO; LANES / 2];
     for lane in 0..LANES / 2 {
         half[lane] = less(row[lane], row[lane + LANES / 2]);
     }

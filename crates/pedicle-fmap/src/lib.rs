@@ -104,6 +104,7 @@ mod precise;
 mod progress;
 mod quality;
 mod sampling;
+mod scalar;
 mod spatial;
 mod stack;
 mod transfer;

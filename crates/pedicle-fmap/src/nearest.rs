@@ -22,16 +22,15 @@ use rayon::prelude::*;
 use crate::{
     ball_tree::{BallTree, Balls, neighbours_side_by_side},
     lanes::{LANES, smallest_of},
+    scalar::Scalar,
 };
 
 /// Queries that are searched for together.
 const QUERIES_PER_BATCH: usize = 32;
 /// Leaves that a query remembers from a whole search.
-const LEAVES_PER_QUERY: usize = 16;
+const LEAVES_PER_QUERY: usize = 12;
 /// They lie within this many times the distance of the nearest row.
 const REMEMBERED_REACH: f64 = 1.5;
-/// Relative room for rounding in bounds; far above d ε, far below what the bounds gain.
-const BOUND_SLACK: f64 = 1e-10;
 
 /// For every row of `queries` the index of the nearest row of `references`.
 ///
@@ -39,7 +38,7 @@ const BOUND_SLACK: f64 = 1e-10;
 pub(crate) fn nearest_rows(queries: MatRef<'_, f64>, references: MatRef<'_, f64>) -> Vec<u32> {
     debug_assert_eq!(queries.ncols(), references.ncols(), "same dimension");
     debug_assert!(references.nrows() > 0, "something to choose from");
-    let tree = BallTree::at_rest(references);
+    let tree = BallTree::<f64>::at_rest(references);
     let order = neighbours_side_by_side(queries);
     // Points as columns: contiguous.
     let queries = Mat::from_fn(queries.ncols(), order.len(), |j, i| {
@@ -75,9 +74,9 @@ pub(crate) enum Search {
 }
 
 /// Finds the nearest rows of a tree to the queries, one a column, neighbours side by side.
-pub(crate) fn search(
-    tree: &BallTree,
-    queries: MatRef<'_, f64>,
+pub(crate) fn search<T: Scalar>(
+    tree: &BallTree<T>,
+    queries: MatRef<'_, T>,
     known: &mut [Known],
     search: Search,
 ) {
@@ -97,15 +96,15 @@ pub(crate) fn search(
 }
 
 /// The search for some queries, compiled for wide registers where the processor has them.
-struct Batch<'a> {
-    tree: &'a BallTree,
+struct Batch<'a, T> {
+    tree: &'a BallTree<T>,
     /// One a column.
-    queries: MatRef<'a, f64>,
+    queries: MatRef<'a, T>,
     known: &'a mut [Known],
     search: Search,
 }
 
-impl pulp::WithSimd for Batch<'_> {
+impl<T: Scalar> pulp::WithSimd for Batch<'_, T> {
     type Output = ();
 
     #[inline(always)]
@@ -166,9 +165,9 @@ impl Known {
 
 /// Goes through all balls that come near enough to some query.
 #[inline(always)]
-fn search_everywhere(
-    tree: &BallTree,
-    queries: MatRef<'_, f64>,
+fn search_everywhere<T: Scalar>(
+    tree: &BallTree<T>,
+    queries: MatRef<'_, T>,
     best: &mut [Best],
     mut near: Option<&mut Vec<Near>>,
 ) {
@@ -209,18 +208,20 @@ fn search_everywhere(
 
 /// A ball around all queries that holds their nearest rows too, and what lies that much further.
 #[inline(always)]
-fn ball_around(queries: MatRef<'_, f64>, best: &[Best], further: f64) -> (Vec<f64>, f64) {
+fn ball_around<T: Scalar>(queries: MatRef<'_, T>, best: &[Best], further: f64) -> (Vec<T>, f64) {
     let mut centre = vec![0.0; queries.nrows()];
     for i in 0..queries.ncols() {
         for (c, x) in centre.iter_mut().zip(column(queries, i)) {
-            *c += x / queries.ncols() as f64;
+            *c += x.wide() / queries.ncols() as f64;
         }
     }
+    let centre: Vec<T> = centre.into_iter().map(T::of).collect();
     let mut reach = 0.0;
     for (i, best) in best.iter().enumerate() {
         let pairs = centre.iter().zip(column(queries, i));
-        let own = pairs.map(|(c, x)| (c - x) * (c - x)).sum::<f64>().sqrt();
-        let sum = (own + further * best.reach) * (1.0 + BOUND_SLACK);
+        let squares = pairs.map(|(c, x)| (c.wide() - x.wide()).powi(2));
+        let own = squares.sum::<f64>().sqrt();
+        let sum = (own + further * best.reach) * (1.0 + T::BOUND_SLACK);
         reach = if sum > reach { sum } else { reach };
     }
     (centre, reach)
@@ -228,7 +229,7 @@ fn ball_around(queries: MatRef<'_, f64>, best: &[Best], further: f64) -> (Vec<f6
 
 /// The leaf with the nearest centre in the group with the nearest centre.
 #[inline(always)]
-fn leaf_with_nearest_centre(tree: &BallTree, query: &[f64]) -> usize {
+fn leaf_with_nearest_centre<T: Scalar>(tree: &BallTree<T>, query: &[T]) -> usize {
     let mut group = (f64::INFINITY, 0);
     for block in 0..tree.groups.len().div_ceil(LANES) {
         let found = tree.groups.nearest_centre(block, query);
@@ -242,10 +243,10 @@ fn leaf_with_nearest_centre(tree: &BallTree, query: &[f64]) -> usize {
     leaf.1
 }
 
-impl Balls {
+impl<T: Scalar> Balls<T> {
     /// Which of eight balls come within `reach` of a point.
     #[inline(always)]
-    fn in_reach(&self, block: usize, point: &[f64], reach: f64) -> [bool; LANES] {
+    fn in_reach(&self, block: usize, point: &[T], reach: f64) -> [bool; LANES] {
         let first = block * LANES;
         let radii = &self.radii[first..(first + LANES).min(self.len())];
         let mut largest = 0.0;
@@ -256,17 +257,17 @@ impl Balls {
         let squared = self.centres.squared_distances(block, point, enough);
         let mut in_reach = [false; LANES];
         for (lane, radius) in radii.iter().enumerate() {
-            in_reach[lane] = squared[lane] <= (reach + radius) * (reach + radius);
+            in_reach[lane] = squared[lane].wide() <= (reach + radius) * (reach + radius);
         }
         in_reach
     }
 
     /// The nearest of eight centres: squared distance and number.
     #[inline(always)]
-    fn nearest_centre(&self, block: usize, point: &[f64]) -> (f64, usize) {
+    fn nearest_centre(&self, block: usize, point: &[T]) -> (f64, usize) {
         let squared = self.centres.squared_distances(block, point, f64::INFINITY);
         let mut nearest = (f64::INFINITY, block * LANES);
-        for (lane, &distance) in squared.iter().enumerate() {
+        for (lane, distance) in squared.map(T::wide).into_iter().enumerate() {
             if distance < nearest.0 && block * LANES + lane < self.len() {
                 nearest = (distance, block * LANES + lane);
             }
@@ -287,27 +288,33 @@ struct Best {
 
 impl Best {
     #[inline(always)]
-    fn new(tree: &BallTree, query: &[f64]) -> Self {
-        let norm = query.iter().map(|x| x * x).sum::<f64>().sqrt();
+    fn new<T: Scalar>(tree: &BallTree<T>, query: &[T]) -> Self {
+        let norm = query.iter().map(|x| x.wide().powi(2)).sum::<f64>().sqrt();
         Self {
             squared_distance: f64::INFINITY,
             position: 0,
             reach: f64::INFINITY,
-            slack: BOUND_SLACK * (norm + tree.largest_norm),
+            slack: T::BOUND_SLACK * (norm + tree.largest_norm),
         }
     }
 
     /// Measures the rows of a leaf, to the end only if one of them is within `further` times the
     /// reach; returns a lower bound on their distance, up to there the distance itself.
     #[inline(always)]
-    fn measure(&mut self, tree: &BallTree, leaf: usize, query: &[f64], further: f64) -> f64 {
+    fn measure<T: Scalar>(
+        &mut self,
+        tree: &BallTree<T>,
+        leaf: usize,
+        query: &[T],
+        further: f64,
+    ) -> f64 {
         let enough = further * self.reach;
         let squared = tree.rows.squared_distances(leaf, query, enough * enough);
-        let smallest = smallest_of(&squared);
+        let smallest = smallest_of(&squared).wide();
         if smallest > self.squared_distance {
             return smallest.sqrt();
         }
-        for (lane, &value) in squared.iter().enumerate() {
+        for (lane, value) in squared.map(T::wide).into_iter().enumerate() {
             let position = leaf * LANES + lane;
             if position >= tree.n_rows() {
                 break;
@@ -326,7 +333,7 @@ impl Best {
 
 /// A column as a slice; all matrices here are stored by columns.
 #[inline(always)]
-fn column(columns: MatRef<'_, f64>, j: usize) -> &[f64] {
+fn column<T>(columns: MatRef<'_, T>, j: usize) -> &[T] {
     let column = columns.col(j).try_as_col_major();
     debug_assert!(column.is_some(), "matrices are stored by columns");
     column.map_or(&[], |column| column.as_slice())
