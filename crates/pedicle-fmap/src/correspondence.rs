@@ -26,6 +26,7 @@ use crate::{
     PointMap,
     ball_tree::{BallTree, CarryBalls, neighbours_side_by_side},
     convert::functions,
+    lanes::LANES,
     nearest::{Known, Search, search},
     progress::{RefinementStep, lost_share},
 };
@@ -214,12 +215,15 @@ impl Correspondence {
                     *w = self.mass[y] * phi;
                 }
                 let to = difference.col_as_slice_mut(j);
-                let (before, after) = (self.images[y], images[y]);
-                for (i, d) in to.iter_mut().enumerate() {
-                    let value = |image: Option<u32>| {
-                        image.map_or(0.0, |p| self.source.functions.get(p as usize, i))
+                to.fill(0.0);
+                for (image, sign) in [(images[y], 1.0), (self.images[y], -1.0)] {
+                    let Some(p) = image.map(|p| p as usize) else {
+                        continue;
                     };
-                    *d = value(after) - value(before);
+                    let row = self.source.functions.leaf(p / LANES, n_source);
+                    for (d, phi) in to.iter_mut().zip(row) {
+                        *d += sign * phi[p % LANES];
+                    }
                 }
             }
             matmul(

@@ -28,7 +28,7 @@ use crate::{
 /// Queries that are searched for together.
 const QUERIES_PER_BATCH: usize = 32;
 /// Leaves that a query remembers from a whole search.
-const LEAVES_PER_QUERY: usize = 12;
+const LEAVES_PER_QUERY: usize = 6;
 /// They lie within this many times the distance of the nearest row.
 const REMEMBERED_REACH: f64 = 1.5;
 
@@ -119,7 +119,7 @@ impl<T: Scalar> pulp::WithSimd for Batch<'_, T> {
         let best = &mut best[..known.len()];
         for (i, best) in best.iter_mut().enumerate() {
             let query = column(queries, i);
-            *best = Best::new(tree, query);
+            *best = Best::new(tree, query, search);
             let leaf = match known[i].image {
                 Some(position) => position as usize / LANES,
                 None => leaf_with_nearest_centre(tree, query),
@@ -288,7 +288,10 @@ struct Best {
 
 impl Best {
     #[inline(always)]
-    fn new<T: Scalar>(tree: &BallTree<T>, query: &[T]) -> Self {
+    fn new<T: Scalar>(tree: &BallTree<T>, query: &[T], search: Search) -> Self {
+        // Bounds are only needed where something is left out.
+        let is_whole = search != Search::Remembered;
+        let query = if is_whole { query } else { &[] };
         let norm = query.iter().map(|x| x.wide().powi(2)).sum::<f64>().sqrt();
         Self {
             squared_distance: f64::INFINITY,
