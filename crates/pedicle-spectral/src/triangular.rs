@@ -242,42 +242,61 @@ impl TriangularFactor {
 
     /// K(μ)⁻¹ times up to N right-hand sides, in pivot order.
     fn solve_lanes<const N: usize>(&self, right_hand_sides: MatRef<'_, f64>) -> Vec<[f64; N]> {
-        let n = self.order.len();
         let mut work = gather::<N>(right_hand_sides, &self.order);
-        let x = &mut work[..];
+        pulp::Arch::new().dispatch(Substitution {
+            factor: self,
+            x: &mut work,
+        });
+        work
+    }
+}
+
+/// x ← L⁻ᵀ B⁻¹ L⁻¹ x, compiled for wide registers where the processor has them.
+struct Substitution<'a, const N: usize> {
+    factor: &'a TriangularFactor,
+    x: &'a mut [[f64; N]],
+}
+
+impl<const N: usize> pulp::WithSimd for Substitution<'_, N> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        let Self { factor, x } = self;
+        let n = x.len();
         for j in 0..n {
-            let range = self.starts[j]..self.starts[j + 1];
+            let range = factor.starts[j]..factor.starts[j + 1];
             let xj = x[j];
-            for (&i, &l) in self.rows[range.clone()].iter().zip(&self.values[range]) {
+            for (&i, &l) in factor.rows[range.clone()].iter().zip(&factor.values[range]) {
                 let i = i as usize;
                 x[i] = plus_scaled(x[i], -l, xj);
             }
         }
+        let pivots = &factor.pivots;
         for j in 0..n {
-            let beside = self.pivots.inverse_beside[j];
+            let beside = pivots.inverse_beside[j];
             // The second row of a block was finished together with the first.
-            if j > 0 && self.pivots.inverse_beside[j - 1] != 0.0 {
+            if j > 0 && pivots.inverse_beside[j - 1] != 0.0 {
                 continue;
             }
             let xj = x[j];
             let zero = [0.0; N];
-            x[j] = plus_scaled(zero, self.pivots.inverse_diagonal[j], xj);
+            x[j] = plus_scaled(zero, pivots.inverse_diagonal[j], xj);
             if beside != 0.0 {
                 let next = x[j + 1];
                 x[j] = plus_scaled(x[j], beside, next);
-                let own = plus_scaled(zero, self.pivots.inverse_diagonal[j + 1], next);
+                let own = plus_scaled(zero, pivots.inverse_diagonal[j + 1], next);
                 x[j + 1] = plus_scaled(own, beside, xj);
             }
         }
         for j in (0..n).rev() {
-            let range = self.starts[j]..self.starts[j + 1];
+            let range = factor.starts[j]..factor.starts[j + 1];
             let mut xj = x[j];
-            for (&i, &l) in self.rows[range.clone()].iter().zip(&self.values[range]) {
+            for (&i, &l) in factor.rows[range.clone()].iter().zip(&factor.values[range]) {
                 xj = plus_scaled(xj, -l, x[i as usize]);
             }
             x[j] = xj;
         }
-        work
     }
 }
 
