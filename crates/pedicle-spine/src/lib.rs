@@ -57,6 +57,7 @@ mod scoring;
 mod search;
 mod tracker;
 mod tracker_motion;
+mod tracker_search;
 mod tracker_state;
 mod tracker_verdict;
 mod transfer;

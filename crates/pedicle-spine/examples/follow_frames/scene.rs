@@ -16,21 +16,21 @@ const SPINE: (f64, f64) = (8.0, 8.0);
 const VERTEBRA: (f64, f64) = (3.0, 3.0);
 
 /// A spine and the part of it that a sensor sees.
-pub struct MovingPhantom {
-    pub model: SpineModel,
-    pub phantom: Phantom,
+pub(crate) struct MovingPhantom {
+    pub(crate) model: SpineModel,
+    pub(crate) phantom: Phantom,
     /// Faces seen from behind, and the sums of their areas, of each vertebra.
     seen: Vec<(Vec<u32>, Vec<f64>)>,
 }
 
 /// What a sensor gives at one time, and the truth.
-pub struct Frame {
-    pub points: Vec<Point3<f64>>,
-    pub truth: Vec<Isometry3<f64>>,
+pub(crate) struct Frame {
+    pub(crate) points: Vec<Point3<f64>>,
+    pub(crate) truth: Vec<Isometry3<f64>>,
 }
 
 impl MovingPhantom {
-    pub fn new(seed: u64) -> Result<Self, Box<dyn std::error::Error>> {
+    pub(crate) fn new(seed: u64) -> Result<Self, Box<dyn std::error::Error>> {
         let phantom = generate_phantom(
             &PhantomParameters::subject(seed),
             &MeshingOptions::default(),
@@ -53,7 +53,7 @@ impl MovingPhantom {
     }
 
     /// The poses at a time, one a vertebra: target from source.
-    pub fn poses(&self, time: f64) -> Vec<Isometry3<f64>> {
+    pub(crate) fn poses(&self, time: f64) -> Vec<Isometry3<f64>> {
         let wave = |phase: f64| (std::f64::consts::TAU * time / PERIOD + phase).sin();
         let whole = motion(&Point3::origin(), SPINE, wave(0.0), wave(0.7));
         self.phantom
@@ -69,13 +69,13 @@ impl MovingPhantom {
     }
 
     /// About `n` points of all vertebrae but the hidden ones at a time, with noise.
-    pub fn frame(&self, time: f64, n: usize, noise_mm: f64, hidden: &[usize]) -> Frame {
+    pub(crate) fn frame(&self, time: f64, n: usize, noise_mm: f64, hidden: &[usize]) -> Frame {
         let poses = self.poses(time);
         self.frame_of(&poses, time.to_bits(), (n, noise_mm), hidden)
     }
 
     /// The same in given poses.
-    pub fn frame_of(
+    pub(crate) fn frame_of(
         &self,
         poses: &[Isometry3<f64>],
         seed: u64,

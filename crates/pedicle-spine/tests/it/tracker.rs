@@ -4,6 +4,7 @@ use std::sync::OnceLock;
 
 use nalgebra::{Isometry3, Point3, Translation3, Vector3};
 use pedicle_registration::pose_error;
+use pedicle_simulation::Deformation;
 use pedicle_spine::{
     LostReason, SpineError, SpineTracker, TrackState, TrackedFrame, TrackerOptions,
 };
@@ -183,6 +184,34 @@ fn bad_input_is_refused_and_changes_nothing() {
     };
     let error = from(&[Isometry3::identity(); 5], options).unwrap_err();
     assert!(error.to_string().contains("max_jump_mm"), "{error}");
+}
+
+#[test]
+fn what_the_first_result_rejected_is_not_followed() {
+    let simulated = super::simulated(Deformation::NonRigid, 0.5, 3);
+    let mut first = super::run(&super::target_of(&simulated));
+    first.vertebrae[4].accepted = false;
+    let model = &super::scene().model;
+    let mut tracker = SpineTracker::new(model, &first, TrackerOptions::default()).unwrap();
+    let found = tracker.update(simulated.mesh.vertices()).unwrap();
+    let reason = LostReason::NotAccepted;
+    assert_eq!(found.vertebrae[4].state, TrackState::Lost { reason }, "L5");
+    for (vertebra, truth) in found.vertebrae.iter().zip(&simulated.truth).take(4) {
+        assert!(vertebra.is_tracked(), "{vertebra:?}");
+        let error = truth.error_of(&vertebra.target_from_source);
+        assert!(
+            error.translation_mm < 0.5 && error.rotation_rad < 0.02,
+            "{error:?}"
+        );
+    }
+    for vertebra in &mut first.vertebrae {
+        vertebra.accepted = false;
+    }
+    let error = SpineTracker::new(model, &first, TrackerOptions::default()).map(|_| ());
+    assert!(
+        matches!(error, Err(SpineError::NothingToTrack)),
+        "nothing to follow"
+    );
 }
 
 #[test]
