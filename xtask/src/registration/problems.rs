@@ -15,7 +15,7 @@ use crate::bench::case::Case;
 /// How far around where the landmarks put a vertebra its points are looked for, mm.
 const MARGIN_MM: f64 = 15.0;
 /// Voxels of the peers' features and models, mm: whole spine, vertebra.
-const VOXEL_MM: (f64, f64) = (3.0, 2.0);
+const VOXEL_MM: (f64, f64) = (4.0, 2.0);
 
 /// What is registered at once.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

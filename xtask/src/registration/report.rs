@@ -71,9 +71,10 @@ pub(super) fn markdown(
          where the fit of the landmarks puts it. `pedicle-registration` and `small_gicp` start from \
          that fit, which is off by tens of degrees about the line of the landmarks; Open3D and \
          KISS-Matcher look for their own start. `transfer` is given the whole target and the \
-         landmarks. Open3D: FPFH and RANSAC (100 000 trials) on voxels of 3 mm (spine) or 2 mm \
-         (vertebra), then point-to-plane ICP with gates of 10 and 5 mm. GICP: gates of 20, 10 and \
-         5 mm; behind KISS-Matcher from its pose. `pedicle-registration`: point-to-surface with a \
+         landmarks. Open3D: FPFH and RANSAC (100 000 trials) on voxels of 4 mm (spine) or 2 mm \
+         (vertebra), then point-to-plane ICP with gates of 10 and 5 mm. KISS-Matcher: voxels half as \
+         large again, both clouds moved to their middles and scaled to centimetres, then GICP from its \
+         pose. GICP: gates of 20, 10 and 5 mm. `pedicle-registration`: point-to-surface with a \
          gate from 25 to 5 mm.\n\n\
          Valid: within the published margin, 2.5 mm and 7.1°, counted over vertebrae; a pose of the \
          whole spine counts for all five. Errors are medians over the vertebrae with a pose, wrong \
