@@ -303,7 +303,8 @@ mod tests {
         );
         let rows = problems::rows_of(&pose);
         let back = pose_of(&rows).unwrap();
-        assert!((back.translation.vector - pose.translation.vector).norm() < 1e-15);
+        let gap = (back.translation.vector - pose.translation.vector).norm();
+        assert!(gap < 1e-15, "the translation is off by {gap}");
         assert!(
             back.rotation.angle_to(&pose.rotation) < 1e-7,
             "the rotation"
