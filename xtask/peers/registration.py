@@ -17,6 +17,8 @@ import numpy as np
 # Gate of the last ICP, mm, as ours has it, and of the first one.
 LAST_GATE = 5.0
 FIRST_GATE = 20.0
+# Voxels of KISS-Matcher in those of Open3D.
+KISS_VOXELS = 1.5
 
 
 def points(path):
@@ -43,8 +45,12 @@ def open3d_method():
         hybrid = o3d.geometry.KDTreeSearchParamHybrid
         if not down.has_normals():
             down.estimate_normals(hybrid(radius=2 * voxel, max_nn=30))
-            # Seen from outside: away from the middle, or the signs mean nothing.
+            # Features depend on the sign: outwards, as far as one can tell without a mesh.
             down.orient_normals_consistent_tangent_plane(15)
+            normals = np.asarray(down.normals)
+            rest = np.asarray(down.points) - down.get_center()
+            if np.einsum("ij,ij->", rest, normals) < 0:
+                down.normals = o3d.utility.Vector3dVector(-normals)
         return down, reg.compute_fpfh_feature(down, hybrid(radius=5 * voxel, max_nn=100))
 
     def run(source, normals, target, start, voxel):
@@ -103,15 +109,21 @@ def kiss_matcher_method():
     from importlib.metadata import version
 
     def run(source, normals, target, start, voxel):
-        matcher = kiss_matcher.KISSMatcher(kiss_matcher.KISSMatcherConfig(voxel_size=voxel))
+        # It turns normals towards the origin, and its bounds are made for metres: both clouds are
+        # moved to their middles and given in centimetres. Finer voxels found no correspondences.
+        voxel *= KISS_VOXELS
+        matcher = kiss_matcher.KISSMatcher(kiss_matcher.KISSMatcherConfig(voxel_size=0.1 * voxel))
+        a, b = source.mean(axis=0), target.mean(axis=0)
         found = matcher.estimate(
-            list(source.astype(np.float32)), list(target.astype(np.float32))
+            list((0.1 * (source - a)).astype(np.float32)),
+            list((0.1 * (target - b)).astype(np.float32)),
         )
         if not found.valid:
             raise ValueError("no valid solution")
         pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = found.rotation, np.asarray(found.translation).ravel()
-        return gicp(small_gicp, source, target, pose, voxel)
+        pose[:3, :3] = found.rotation
+        pose[:3, 3] = 10 * np.asarray(found.translation).ravel() + b - pose[:3, :3] @ a
+        return gicp(small_gicp, source, target, pose, voxel / KISS_VOXELS)
 
     return run, version("kiss-matcher")
 
