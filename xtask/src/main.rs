@@ -1,5 +1,6 @@
 //! Benchmarks, gates and chores of the workspace: `cargo xtask COMMAND`.
 
+mod baselines;
 mod bench;
 mod ci;
 mod error;
@@ -7,6 +8,7 @@ mod measure;
 mod pairs;
 mod peers;
 mod phantom;
+mod registration;
 mod scaling;
 
 use std::io::Write;
@@ -29,6 +31,7 @@ struct Cli {
 enum Command {
     BenchScenarios(bench::Arguments),
     BenchPeers(peers::Arguments),
+    BenchRegistration(registration::Arguments),
     Scaling(scaling::Arguments),
     MakePhantom(phantom::Arguments),
     Ci(ci::Arguments),
@@ -44,6 +47,7 @@ fn main() -> ExitCode {
     let outcome = match Cli::parse().command {
         Command::BenchScenarios(arguments) => arguments.run(),
         Command::BenchPeers(arguments) => arguments.run(),
+        Command::BenchRegistration(arguments) => arguments.run(),
         Command::Scaling(arguments) => arguments.run(),
         Command::MeasurePair(arguments) => arguments.run(),
         Command::MeasureStage(arguments) => arguments.run(),

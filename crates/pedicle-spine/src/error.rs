@@ -200,4 +200,30 @@ pub enum SpineError {
         /// Why.
         reason: String,
     },
+    /// A frame without points.
+    #[error("the frame has no points")]
+    EmptyFrame,
+    /// A point of a frame that is not finite.
+    #[error("point {point} of the frame is not finite")]
+    NonFinitePoint {
+        /// Its index.
+        point: usize,
+    },
+    /// The tracker needs a pose for every vertebra.
+    #[error("there are {n_poses} poses for {n_vertebrae} vertebrae")]
+    PoseCount {
+        /// Poses given.
+        n_poses: usize,
+        /// Vertebrae of the source.
+        n_vertebrae: usize,
+    },
+    /// A pose to start from that is not finite.
+    #[error("the pose of {level} is not finite")]
+    NonFinitePose {
+        /// The level.
+        level: Level,
+    },
+    /// No vertebra to follow.
+    #[error("the first result vouches for no vertebra: there is nothing to track")]
+    NothingToTrack,
 }

@@ -14,6 +14,7 @@
 //! 1. [`SpineModel::new`] prepares the source once.
 //! 2. [`transfer`] carries a [plan](pedicle_trajectory::Plan) to a [`Target`].
 //! 3. [`Transfer`] holds the poses, the verdicts, the trajectories and what they rest on.
+//! 4. [`SpineTracker`] follows the vertebrae from there, frame by frame.
 //!
 //! ```
 //! use pedicle_simulation::{
@@ -54,6 +55,11 @@ mod model;
 mod options;
 mod scoring;
 mod search;
+mod tracker;
+mod tracker_motion;
+mod tracker_search;
+mod tracker_state;
+mod tracker_verdict;
 mod transfer;
 mod verdict;
 
@@ -62,6 +68,8 @@ pub use hypotheses::Origin;
 pub use map::{MapReport, View};
 pub use model::{MAX_LANDMARK_DISTANCE_MM, MAX_PLAN_DISTANCE_MM, SourceVertebra, SpineModel};
 pub use options::{MapOptions, SearchOptions, TransferOptions, VerdictOptions};
+pub use tracker::SpineTracker;
+pub use tracker_state::{LostReason, TrackState, TrackedFrame, TrackedVertebra, TrackerOptions};
 pub use transfer::{
     Stage, Target, TargetChanges, TargetSurface, Transfer, TransferredTrajectory, VertebraTransfer,
     transfer, transfer_with_progress,

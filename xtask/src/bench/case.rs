@@ -14,41 +14,41 @@ use pedicle_trajectory::{
 use crate::XtaskError;
 
 /// Faces of the spine the scenarios are made from, as published.
-pub(super) const N_FACES: usize = 3500;
+pub(crate) const N_FACES: usize = 3500;
 
 /// Everything the scenarios of one spine share.
-pub(super) struct Case {
+pub(crate) struct Case {
     /// Last part of the path.
-    pub(super) name: String,
-    pub(super) plan: Plan,
+    pub(crate) name: String,
+    pub(crate) plan: Plan,
     /// Where the plan came from, in words.
-    pub(super) plan_from: String,
-    pub(super) landmarks: Landmarks,
+    pub(crate) plan_from: String,
+    pub(crate) landmarks: Landmarks,
     /// Where the landmarks came from, in words.
-    pub(super) landmarks_from: String,
-    pub(super) vertebrae: Vec<SourceVertebra>,
-    pub(super) spine: SpineCase,
-    pub(super) truth: Vec<TrueVertebra>,
+    pub(crate) landmarks_from: String,
+    pub(crate) vertebrae: Vec<SourceVertebra>,
+    pub(crate) spine: SpineCase,
+    pub(crate) truth: Vec<TrueVertebra>,
 }
 
 /// What a transferred screw is checked against: the true full-resolution surface.
-pub(super) struct TrueVertebra {
-    pub(super) surface: SurfaceIndex,
-    pub(super) frame: AnatomicalFrame,
+pub(crate) struct TrueVertebra {
+    pub(crate) surface: SurfaceIndex,
+    pub(crate) frame: AnatomicalFrame,
     /// Left, right.
-    pub(super) pedicles: [Pedicle; 2],
+    pub(crate) pedicles: [Pedicle; 2],
 }
 
 /// Files given for a spine, instead of those beside it.
 #[derive(Debug, Default)]
-pub(super) struct Given<'a> {
-    pub(super) plan: Option<&'a Path>,
-    pub(super) landmarks: Option<&'a Path>,
+pub(crate) struct Given<'a> {
+    pub(crate) plan: Option<&'a Path>,
+    pub(crate) landmarks: Option<&'a Path>,
 }
 
 /// Reads a spine; plan and landmarks come from the files given, or from `plan` and `landmarks`
 /// (`.ron` or `.json`) beside the surfaces, or from its shape.
-pub(super) fn load(path: &Path, given: &Given<'_>) -> Result<Case, XtaskError> {
+pub(crate) fn load(path: &Path, given: &Given<'_>) -> Result<Case, XtaskError> {
     let name = name_of(path);
     let vertebrae = pedicle::read_spine(path)?;
     let plan_file = file_of(given.plan, path, "plan");
@@ -80,7 +80,7 @@ pub(super) fn load(path: &Path, given: &Given<'_>) -> Result<Case, XtaskError> {
 }
 
 /// A person drawn around the mean phantom, with its own plan and landmarks.
-pub(super) fn subject(name: String, seed: u64) -> Result<Case, XtaskError> {
+pub(crate) fn subject(name: String, seed: u64) -> Result<Case, XtaskError> {
     let phantom = generate_phantom(
         &PhantomParameters::subject(seed),
         &MeshingOptions::default(),
@@ -179,7 +179,7 @@ fn true_vertebrae(
 
 impl Case {
     /// The source as the pipeline sees it.
-    pub(super) fn model(&self) -> Result<SpineModel, XtaskError> {
+    pub(crate) fn model(&self) -> Result<SpineModel, XtaskError> {
         SpineModel::new(
             self.vertebrae.clone(),
             &self.landmarks,

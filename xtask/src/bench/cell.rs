@@ -4,6 +4,7 @@ use pedicle_simulation::{Suite, SuiteCell};
 use pedicle_trajectory::Level;
 use serde::Serialize;
 
+use super::beside::BesideCell;
 use super::score::{ScenarioScore, VertebraScore};
 
 /// A vertebra of which at least this share of the posterior surface is seen must be found.
@@ -40,6 +41,9 @@ pub(super) struct Cell {
     /// Only of the suite `sensor`.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     pub(super) seen: Option<Seen>,
+    /// Simpler methods on the same targets; only with `--baselines`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub(super) baselines: Vec<BesideCell>,
 }
 
 /// The middle and the bad end of some errors.
@@ -121,6 +125,7 @@ fn summed_up(cell: &SuiteCell, members: &[&ScenarioScore]) -> Cell {
         isthmus: spread(&all, 1),
         tip: spread(&all, 2),
         seen,
+        baselines: Vec::new(),
     }
 }
 

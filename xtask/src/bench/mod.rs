@@ -1,6 +1,7 @@
 //! `cargo xtask bench-scenarios`: the published suite, recomputed, and suites beyond it.
 
-mod case;
+mod beside;
+pub(crate) mod case;
 mod cell;
 mod gates;
 mod limit;
@@ -15,12 +16,15 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use clap::Args;
+use comfy_table::presets::{ASCII_MARKDOWN, UTF8_FULL_CONDENSED};
 use indicatif::{ProgressBar, ProgressStyle};
 use pedicle_simulation::{Suite, suite_scenarios};
 use rayon::prelude::*;
 use serde::Serialize;
 
+use crate::baselines::Source;
 use crate::{XtaskError, complain, fixture, say};
+use beside::BesideScore;
 use case::Case;
 use cell::{Cell, cells};
 use gates::Gates;
@@ -71,6 +75,10 @@ pub(crate) struct Arguments {
     /// Rewrite the gates of this spine from this run. Never in CI.
     #[arg(long, conflicts_with = "subjects")]
     update_gates: bool,
+    /// Run simpler methods on the same targets: landmarks only, one rigid ICP, the landmark line with
+    /// ICP, and the published pipeline.
+    #[arg(long)]
+    baselines: bool,
     /// Print every vertebra that is invalid or rejected, and every scenario that was refused.
     #[arg(long)]
     explain: bool,
@@ -102,6 +110,8 @@ struct Outcome {
     n_spines: usize,
     /// In the order of the suites.
     scores: Vec<(Suite, Vec<ScenarioScore>)>,
+    /// Of the baselines, one list a suite; empty without them.
+    beside: Vec<Vec<BesideScore>>,
     preparation: Duration,
     n_threads: usize,
 }
@@ -118,10 +128,27 @@ impl Arguments {
         let mut files = Vec::new();
         let mut held = true;
         let mut documents = Vec::new();
-        for (suite, scores) in &outcome.scores {
-            let cells = cells(scores);
-            let (text, markdown) = self.tables(&outcome, *suite, scores, &cells, started.elapsed());
+        for ((suite, scores), beside) in outcome.scores.iter().zip(&outcome.beside) {
+            let mut cells = cells(scores);
+            let (text, mut markdown) =
+                self.tables(&outcome, *suite, scores, &cells, started.elapsed());
             say(&text);
+            if self.baselines {
+                beside::add(&mut cells, beside);
+                let table = |style| beside::table(&cells, style);
+                say(&format!(
+                    "{}\n{}",
+                    beside::HEADING,
+                    table(UTF8_FULL_CONDENSED)
+                ));
+                say(&beside::words(&cells));
+                markdown.push_str(&format!(
+                    "\n{}\n\n{}\n\n{}\n",
+                    beside::HEADING,
+                    table(ASCII_MARKDOWN),
+                    beside::words(&cells)
+                ));
+            }
             if self.explain {
                 say(&suite_report::explanations(scores));
             }
@@ -183,6 +210,7 @@ impl Arguments {
             case: None,
             n_spines: spines.len(),
             scores: suites.iter().map(|&suite| (suite, Vec::new())).collect(),
+            beside: suites.iter().map(|_| Vec::new()).collect(),
             preparation: Duration::ZERO,
             n_threads: pool.current_num_threads(),
         };
@@ -191,7 +219,11 @@ impl Arguments {
             let case = spine.load()?;
             let model = case.model()?;
             outcome.preparation += loading.elapsed();
-            for (suite, scores) in &mut outcome.scores {
+            let source = self
+                .baselines
+                .then(|| Source::new(&case.spine, &case.landmarks))
+                .transpose()?;
+            for ((suite, scores), beside) in outcome.scores.iter_mut().zip(&mut outcome.beside) {
                 let scenarios = suite_scenarios(*suite, spine.seed(), self.draws);
                 // One scenario a thread; results keep the order of the scenarios.
                 let found = pool.install(|| {
@@ -205,6 +237,15 @@ impl Arguments {
                         .collect::<Result<Vec<ScenarioScore>, XtaskError>>()
                 })?;
                 scores.extend(found);
+                if let Some(source) = &source {
+                    let found = pool.install(|| {
+                        scenarios
+                            .par_iter()
+                            .map(|scenario| beside::run(&case, source, scenario))
+                            .collect::<Result<Vec<Vec<BesideScore>>, XtaskError>>()
+                    })?;
+                    beside.extend(found.into_iter().flatten());
+                }
             }
             outcome.name.clone_from(&case.name);
             outcome.case = Some(case);

@@ -115,7 +115,7 @@ fn target_of(simulated: &SuiteTarget) -> Target {
     }
 }
 
-fn n_planned(case: &Case, level: Level) -> usize {
+pub(super) fn n_planned(case: &Case, level: Level) -> usize {
     let of_level = |t: &&Trajectory| t.level == level;
     case.plan.trajectories.iter().filter(of_level).count()
 }
@@ -164,7 +164,6 @@ fn judge(
     transfer: &Transfer,
 ) -> Result<VertebraScore, TrajectoryDefect> {
     let level = truth.vertebra.level;
-    let anatomy = &case.truth[level.index()];
     let found = &transfer.vertebrae[level.index()];
     let reasons: Vec<String> = found.reasons.iter().map(ToString::to_string).collect();
     let verdict = if found.accepted {
@@ -172,27 +171,51 @@ fn judge(
     } else {
         format!(" rejected: {}", reasons.join("; "))
     };
+    let pose = &found.target_from_source;
+    let mut score = judge_pose(case, simulated, truth, (pose, found.accepted))?;
+    score.origin = Some(found.origin);
+    score.detail = if truth.present {
+        let (mm, degrees) = (score.translation_mm, score.rotation_rad.to_degrees());
+        let breaches = &score.detail;
+        format!(
+            "{level} {mm:.3} mm {degrees:.3}° from {}{breaches}{verdict}",
+            found.origin
+        )
+    } else {
+        format!("{level} is not there, from {}{verdict}", found.origin)
+    };
+    Ok(score)
+}
+
+/// Compares the pose that a method found for a vertebra, and whether it vouches for it, with the
+/// truth. The detail lists breaches only.
+pub(super) fn judge_pose(
+    case: &Case,
+    simulated: &SuiteTarget,
+    truth: &SuiteTruth,
+    (pose, accepted): (&Isometry3<f64>, bool),
+) -> Result<VertebraScore, TrajectoryDefect> {
+    let level = truth.vertebra.level;
+    let anatomy = &case.truth[level.index()];
     let mut score = VertebraScore {
-        accepted: found.accepted,
-        origin: Some(found.origin),
+        accepted,
         ..refused(truth, n_planned(case, level))
     };
     if !truth.present {
-        score.false_accept = found.accepted;
-        score.detail = format!("{level} is not there, from {}{verdict}", found.origin);
+        score.false_accept = accepted;
         return Ok(score);
     }
 
     let true_pose = &truth.vertebra.target_from_source;
-    let error = truth.vertebra.error_of(&found.target_from_source);
+    let error = truth.vertebra.error_of(pose);
     let within = SafetyMargins::default().is_within(error.translation_mm, error.rotation_rad);
     // Brought back by the true motion, the screw is judged in the bone it was planned in.
     let source_from_target: Isometry3<f64> = true_pose.inverse();
     let mut breaches = String::new();
     score.target_errors_mm.clear();
-    let planned = case.plan.trajectories.iter().zip(&transfer.trajectories);
-    for (planned, carried) in planned.filter(|(planned, _)| planned.level == level) {
-        let back = carried.trajectory.transformed(&source_from_target);
+    let of_level = |planned: &&Trajectory| planned.level == level;
+    for planned in case.plan.trajectories.iter().filter(of_level) {
+        let back = planned.transformed(pose).transformed(&source_from_target);
         let pedicle = &anatomy.pedicles[back.side as usize];
         let check = check_trajectory(
             &back,
@@ -209,13 +232,13 @@ fn judge(
             ));
         }
         let depth_mm = (pedicle.isthmus_center_mm - planned.entry_mm).dot(&planned.direction());
-        let errors = trajectory_error(&found.target_from_source, true_pose, planned, depth_mm);
+        let errors = trajectory_error(pose, true_pose, planned, depth_mm);
         score
             .target_errors_mm
             .push([errors.entry_mm, errors.isthmus_mm, errors.tip_mm]);
     }
     score.valid = within && score.n_valid_by_geometry == score.n_trajectories;
-    score.false_accept = found.accepted && !score.valid;
+    score.false_accept = accepted && !score.valid;
     score.n_valid_by_margin = if within { score.n_trajectories } else { 0 };
     score.translation_mm = error.translation_mm;
     score.rotation_rad = error.rotation_rad;
@@ -230,11 +253,6 @@ fn judge(
     } else {
         (0.0, 0.0)
     };
-    score.detail = format!(
-        "{level} {:.3} mm {:.3}° from {}{breaches}{verdict}",
-        error.translation_mm,
-        error.rotation_rad.to_degrees(),
-        found.origin,
-    );
+    score.detail = breaches;
     Ok(score)
 }

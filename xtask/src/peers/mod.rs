@@ -6,7 +6,7 @@
 mod job;
 mod ours;
 mod report;
-mod venv;
+pub(crate) mod venv;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -82,7 +82,7 @@ pub(crate) struct Run {
 
 impl Arguments {
     pub(crate) fn run(self) -> Result<bool, XtaskError> {
-        let python = venv::interpreter(self.python.as_deref())?;
+        let python = venv::interpreter(self.python.as_deref(), "requirements.txt")?;
         let output = self
             .output
             .clone()
@@ -211,7 +211,7 @@ fn execute(job: &Job, folder: &Path, python: &Path) -> Result<Outcome, XtaskErro
         }
         Program::Pyfmaps | Program::Scipy => {
             let mut command = Command::new(python);
-            command.arg(venv::driver());
+            command.arg(venv::driver("driver.py"));
             command
         }
     };

@@ -5,15 +5,15 @@ use std::process::Command;
 
 use crate::{XtaskError, say, workspace_root};
 
-/// The interpreter to use: the one given, or that of `.venv` in the workspace, made and filled if
-/// it is not there yet.
-pub(super) fn interpreter(given: Option<&Path>) -> Result<PathBuf, XtaskError> {
+/// The interpreter to use: the one given, or that of `.venv` in the workspace, made if it is not
+/// there yet and filled with what a file of requirements in `xtask/peers` asks for.
+pub(crate) fn interpreter(given: Option<&Path>, requirements: &str) -> Result<PathBuf, XtaskError> {
     if let Some(path) = given {
         return Ok(path.to_owned());
     }
     let folder = workspace_root().join(".venv");
     let python = folder.join("bin").join("python");
-    let requirements = peers_folder().join("requirements.txt");
+    let requirements = peers_folder().join(requirements);
     if !python.is_file() {
         say("making a Python environment in .venv");
         run(Command::new("python3").args(["-m", "venv"]).arg(&folder))?;
@@ -32,9 +32,9 @@ pub(super) fn interpreter(given: Option<&Path>) -> Result<PathBuf, XtaskError> {
     Ok(python)
 }
 
-/// The script that runs the peers.
-pub(super) fn driver() -> PathBuf {
-    peers_folder().join("driver.py")
+/// A script that runs peers.
+pub(crate) fn driver(name: &str) -> PathBuf {
+    peers_folder().join(name)
 }
 
 /// The package and its version, from the requirements.

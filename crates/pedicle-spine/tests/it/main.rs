@@ -4,6 +4,8 @@
     reason = "a test that cannot set its scene up must fail"
 )]
 
+mod tracker;
+
 use std::sync::OnceLock;
 
 use nalgebra::{Isometry3, Point3, Vector3};
