@@ -9,7 +9,8 @@
 //! C carries the rows of the source, as in the paper. The other way round, with the rows of
 //! Φ_target C, images crowd where rows of the source are short, and errors double under noise.
 //! Steps move few images, so ZoomOut searches everywhere only each time the functions of a shape
-//! have grown by a third, and at the end; in between it looks among what came near then.
+//! have grown by a half, and at the end; in between it looks among what came near then, all of it in
+//! single precision but for the end.
 //!
 //! The number of functions of the source grows from that of the first map to `n_source` by `step`;
 //! that of the target grows in proportion, so a rectangular map for a part stays rectangular.
