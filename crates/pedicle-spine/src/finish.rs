@@ -8,6 +8,8 @@ use pedicle_registration::{
 
 use crate::SpineError;
 use crate::bone::BoneSurface;
+use crate::free_space::FreeSpace;
+use crate::misfit::{Misfit, misfit};
 use crate::model::Vertebra;
 use crate::scoring::{ScoreTable, UNASSIGNED, points_of};
 
@@ -17,6 +19,10 @@ const ROUNDS: usize = 3;
 const GATE_IN_SIGMA: f64 = 5.0;
 /// Smallest gate of the first round and bounds of the later ones, mm.
 const GATE_MM: (f64, f64) = (4.0, 10.0);
+/// The same two where the noise is known from the target alone: soft tissue a few millimetres from
+/// the bone is then told apart.
+const KNOWN_GATE_IN_SIGMA: f64 = 4.5;
+const KNOWN_GATE_MM: (f64, f64) = (1.2, 10.0);
 /// A point counts as explained within this many standard deviations of the noise, and this much
 /// more: surfaces of different triangulation do not coincide.
 const EXPLAINED_IN_SIGMA: f64 = 3.0;
@@ -42,6 +48,29 @@ pub(crate) struct Fit {
     /// Share of the vertebra's whole and posterior surface that its own points show.
     pub(crate) coverage: f64,
     pub(crate) posterior_coverage: f64,
+    pub(crate) misfit: Misfit,
+    /// Share of the bone's surface towards the camera that it saw through; 0 without a camera.
+    pub(crate) seen_through: f64,
+}
+
+/// What is known of the sensor.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Sensor<'a> {
+    /// Noise estimated from the target alone, mm.
+    pub(crate) noise_mm: Option<f64>,
+    pub(crate) free_space: Option<&'a FreeSpace>,
+}
+
+impl Sensor<'_> {
+    /// The gate of the last fits.
+    fn gate_mm(&self, fitted_noise_mm: f64) -> f64 {
+        match self.noise_mm {
+            Some(noise_mm) => {
+                (KNOWN_GATE_IN_SIGMA * noise_mm).clamp(KNOWN_GATE_MM.0, KNOWN_GATE_MM.1)
+            }
+            None => (GATE_IN_SIGMA * fitted_noise_mm).clamp(GATE_MM.0, GATE_MM.1),
+        }
+    }
 }
 
 /// The final fit of all vertebrae.
@@ -66,6 +95,7 @@ pub(crate) fn finish(
     vertebrae: &[Vertebra],
     target: &FinePoints,
     poses: &[Isometry3<f64>],
+    sensor: &Sensor<'_>,
 ) -> Result<SpineFit, SpineError> {
     let bones: Vec<&BoneSurface> = vertebrae.iter().map(|v| &v.bone).collect();
     let mut poses = poses.to_vec();
@@ -92,12 +122,12 @@ pub(crate) fn finish(
         }
         let noise_mm = median_noise(&refinements);
         if noise_mm.is_finite() {
-            gate_mm = (GATE_IN_SIGMA * noise_mm).clamp(GATE_MM.0, GATE_MM.1);
+            gate_mm = sensor.gate_mm(noise_mm);
         }
     }
 
     let noise_mm = median_noise(&refinements);
-    let explained = Explained::count(&bones, &poses, &target.points, noise_mm);
+    let explained = Explained::count(&bones, &poses, &target.points, (noise_mm, sensor));
     let mut fits = Vec::with_capacity(vertebrae.len());
     for (v, vertebra) in vertebrae.iter().enumerate() {
         let refinement = refinements[v].take();
@@ -115,6 +145,12 @@ pub(crate) fn finish(
                 .map(|fit| fit.covariance.about(&centroid)),
             n_points: own.len(),
             explained_share: explained.share_of(v),
+            misfit: misfit(&vertebra.bone, &poses[v], &own, gate_mm)?,
+            seen_through: sensor.free_space.map_or(0.0, |free_space| {
+                free_space
+                    .contradiction(&vertebra.patches, &poses[v])
+                    .of_bone
+            }),
             coverage: share(shown.iter().copied()),
             posterior_coverage: share(posterior.map(|(shown, _)| *shown)),
             refinement,
@@ -150,12 +186,13 @@ struct Explained {
 
 impl Explained {
     /// A point belongs to the vertebra nearest to it, however far; it is explained within three
-    /// standard deviations of the noise of the whole target.
+    /// standard deviations of the noise of the whole target. Where a camera looked, points in front
+    /// of the bone or far from all bone do not count: they may be soft tissue.
     fn count(
         bones: &[&BoneSurface],
         poses: &[Isometry3<f64>],
         points: &[Point3<f64>],
-        noise_mm: f64,
+        (noise_mm, sensor): (f64, &Sensor<'_>),
     ) -> Self {
         let limit_mm = EXPLAINED_FLOOR_MM + EXPLAINED_IN_SIGMA * noise_mm;
         let mut counts = Self {
@@ -167,19 +204,33 @@ impl Explained {
         let inverses: Vec<Isometry3<f64>> = poses.iter().map(Isometry3::inverse).collect();
         for point in points {
             let mut nearest = (NEAR_MM, None);
+            let mut hides_bone = false;
             for (v, (bone, inverse)) in bones.iter().zip(&inverses).enumerate() {
                 let local = inverse * point;
                 if (local - bone.centroid()).norm() > bone.radius_mm() + nearest.0 {
                     continue;
                 }
-                let distance = bone.closest(&local).distance_mm;
-                if distance < nearest.0 {
-                    nearest = (distance, Some(v));
+                let hit = bone.closest(&local);
+                if hit.distance_mm < nearest.0 {
+                    nearest = (hit.distance_mm, Some(v));
+                    hides_bone = sensor.free_space.is_some_and(|free_space| {
+                        let offset = poses[v].rotation * (local - hit.point);
+                        offset.dot(&free_space.towards_camera(point)) > 0.0
+                    });
                 }
             }
+            if nearest.1.is_none() && sensor.free_space.is_some() {
+                counts.n_points -= 1;
+            }
             if let (distance, Some(v)) = nearest {
+                let is_explained = distance <= limit_mm;
+                // Between the camera and the bone may be soft tissue: that contradicts nothing.
+                if hides_bone && !is_explained {
+                    counts.n_points -= 1;
+                    continue;
+                }
                 counts.n_near[v] += 1;
-                counts.n_explained[v] += usize::from(distance <= limit_mm);
+                counts.n_explained[v] += usize::from(is_explained);
             }
         }
         counts
@@ -240,6 +291,10 @@ fn shown_samples(
 /// Gives whole pieces to the vertebra that nearly all of their points belong to: a point next to
 /// a facet joint is as near to the neighbour, but its piece is not.
 fn settle_pieces(owners: &mut [u8], target: &FinePoints, n_vertebrae: usize) {
+    // A cloud has no pieces.
+    if target.n_pieces == 0 {
+        return;
+    }
     let mut votes = vec![vec![0usize; n_vertebrae]; target.n_pieces];
     for (p, &owner) in owners.iter().enumerate() {
         if owner != UNASSIGNED {

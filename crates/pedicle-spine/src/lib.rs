@@ -45,15 +45,23 @@
 //! ```
 
 mod bone;
+mod chain;
+mod conclusion;
 mod error;
 mod finish;
+mod free_space;
 mod hypotheses;
 mod map;
 mod map_shape;
+mod misfit;
 mod model;
+mod nearby;
 mod options;
+mod prepare;
 mod scoring;
 mod search;
+mod starts;
+mod target;
 mod transfer;
 mod verdict;
 
@@ -62,8 +70,8 @@ pub use hypotheses::Origin;
 pub use map::{MapReport, View};
 pub use model::{MAX_LANDMARK_DISTANCE_MM, MAX_PLAN_DISTANCE_MM, SourceVertebra, SpineModel};
 pub use options::{MapOptions, SearchOptions, TransferOptions, VerdictOptions};
+pub use target::{SensorView, Target, TargetChanges, TargetSurface};
 pub use transfer::{
-    Stage, Target, TargetChanges, TargetSurface, Transfer, TransferredTrajectory, VertebraTransfer,
-    transfer, transfer_with_progress,
+    Stage, Transfer, TransferredTrajectory, VertebraTransfer, transfer, transfer_with_progress,
 };
 pub use verdict::Rejection;

@@ -4,6 +4,7 @@ use nalgebra::{Isometry3, Point3};
 use pedicle_trajectory::Level;
 
 use crate::VerdictOptions;
+use crate::misfit::{Misfit, PATCH_MM};
 
 /// One reason not to vouch for a vertebra. Its text is a sentence for the user.
 #[derive(Debug, Clone, PartialEq)]
@@ -49,6 +50,10 @@ pub enum Rejection {
         turn_rad: f64,
         max_rad: f64,
     },
+    /// Neighbouring points are off in the same direction: the bone has another shape.
+    ShapeDiffers { misfit_mm: f64, patch_mm: f64 },
+    /// The camera saw through where the bone would be.
+    SeenThrough { share: f64, max: f64 },
     /// It lies far from where the user put its landmark.
     FarFromLandmark { distance_mm: f64, max_mm: f64 },
 }
@@ -149,6 +154,20 @@ impl std::fmt::Display for Rejection {
                 turn_rad.to_degrees(),
                 max_rad.to_degrees()
             ),
+            Self::ShapeDiffers {
+                misfit_mm,
+                patch_mm,
+            } => write!(
+                f,
+                "the shape differs from the plan's by {misfit_mm:.2} mm over patches of {patch_mm:.0} mm: \
+                 is this the right patient and level, and is it bare bone?"
+            ),
+            Self::SeenThrough { share, max } => write!(
+                f,
+                "the camera saw through {:.0} % of where the bone would be (at most {:.0} %)",
+                100.0 * share,
+                100.0 * max
+            ),
             Self::FarFromLandmark {
                 distance_mm,
                 max_mm,
@@ -174,7 +193,11 @@ pub(crate) struct Evidence {
     pub(crate) unexplained_share: f64,
     pub(crate) level_margin: f64,
     pub(crate) alternative_margin: f64,
-    pub(crate) landmark_distance_mm: f64,
+    /// None without a landmark.
+    pub(crate) landmark_distance_mm: Option<f64>,
+    pub(crate) misfit: Misfit,
+    /// Share of the bone that the camera saw through.
+    pub(crate) seen_through: f64,
 }
 
 /// Standard deviations of a pose: of the vertebra's centroid, of its orientation, and of the
@@ -290,13 +313,31 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
             min: options.min_alternative_margin,
         },
     );
+    let misfit = evidence.misfit;
     demand(
-        evidence.landmark_distance_mm <= options.max_landmark_distance_mm,
-        Rejection::FarFromLandmark {
-            distance_mm: evidence.landmark_distance_mm,
-            max_mm: options.max_landmark_distance_mm,
+        misfit.covariance_mm2 - options.misfit_in_sigma * misfit.deviation_mm2
+            <= options.max_misfit_mm * options.max_misfit_mm,
+        Rejection::ShapeDiffers {
+            misfit_mm: misfit.depth_mm(),
+            patch_mm: PATCH_MM,
         },
     );
+    demand(
+        evidence.seen_through <= options.max_seen_through,
+        Rejection::SeenThrough {
+            share: evidence.seen_through,
+            max: options.max_seen_through,
+        },
+    );
+    if let Some(distance_mm) = evidence.landmark_distance_mm {
+        demand(
+            distance_mm <= options.max_landmark_distance_mm,
+            Rejection::FarFromLandmark {
+                distance_mm,
+                max_mm: options.max_landmark_distance_mm,
+            },
+        );
+    }
     found
 }
 
@@ -343,6 +384,12 @@ mod tests {
         screw_mm: 0.2,
     };
 
+    const NOISE_ONLY: Misfit = Misfit {
+        covariance_mm2: 0.002,
+        deviation_mm2: 0.005,
+        inflation: 1.0,
+    };
+
     fn good() -> Evidence {
         Evidence {
             n_points: 300,
@@ -354,7 +401,9 @@ mod tests {
             unexplained_share: 0.01,
             level_margin: 0.5,
             alternative_margin: 0.4,
-            landmark_distance_mm: 4.0,
+            landmark_distance_mm: Some(4.0),
+            misfit: NOISE_ONLY,
+            seen_through: 0.0,
         }
     }
 
@@ -414,6 +463,12 @@ mod tests {
                 Box::new(|e| e.unexplained_share = 0.2),
             ),
             ("shifted by one", Box::new(|e| e.level_margin = 0.0)),
+            ("saw through 12 %", Box::new(|e| e.seen_through = 0.12)),
+            ("right patient", Box::new(|e| e.misfit.covariance_mm2 = 0.5)),
+            (
+                "right patient",
+                Box::new(|e| e.misfit.covariance_mm2 = f64::NAN),
+            ),
             (
                 "fix the position",
                 with(Deviations {
@@ -445,7 +500,7 @@ mod tests {
             ("another pose", Box::new(|e| e.alternative_margin = 0.01)),
             (
                 "from its landmark",
-                Box::new(|e| e.landmark_distance_mm = 40.0),
+                Box::new(|e| e.landmark_distance_mm = Some(40.0)),
             ),
             ("no fit", Box::new(|e| e.deviations = None)),
         ];

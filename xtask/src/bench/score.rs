@@ -7,7 +7,8 @@ use pedicle_simulation::{
     SuiteScenario, SuiteTarget, SuiteTruth, TargetSurface, simulate_suite, trajectory_error,
 };
 use pedicle_spine::{
-    Origin, SpineModel, Stage, Target, Transfer, TransferOptions, transfer_with_progress,
+    Origin, SensorView, SpineModel, Stage, Target, Transfer, TransferOptions, VertebraTransfer,
+    transfer_with_progress,
 };
 use pedicle_trajectory::{
     CheckOptions, Level, SafetyMargins, Trajectory, TrajectoryDefect, check_trajectory,
@@ -109,15 +110,35 @@ pub(super) fn run(
 
 fn target_of(simulated: &SuiteTarget) -> Target {
     let landmarks = simulated.target_landmarks.clone();
-    match simulated.surface.clone() {
+    let target = match simulated.surface.clone() {
         TargetSurface::Mesh(mesh) => Target::mesh(mesh, landmarks),
         TargetSurface::Cloud(points) => Target::cloud(points, landmarks),
+    };
+    match &simulated.view {
+        Some(view) => target.seen_from(SensorView {
+            camera_mm: view.camera_mm,
+        }),
+        None => target,
     }
 }
 
 fn n_planned(case: &Case, level: Level) -> usize {
     let of_level = |t: &&Trajectory| t.level == level;
     case.plan.trajectories.iter().filter(of_level).count()
+}
+
+/// The figures that the verdict rests on.
+fn evidence(found: &VertebraTransfer) -> String {
+    format!(
+        " [noise {:.2}, misfit {:.2}, through {:.3}, explained {:.2}, covers {:.2}, margin {:.2}, n {}]",
+        found.noise_mm,
+        found.misfit_mm,
+        found.seen_through,
+        found.explained_share,
+        found.posterior_coverage,
+        found.alternative_margin,
+        found.n_points,
+    )
 }
 
 fn check_failed(score: &ScenarioScore, error: &impl ToString) -> XtaskError {
@@ -179,7 +200,11 @@ fn judge(
     };
     if !truth.present {
         score.false_accept = found.accepted;
-        score.detail = format!("{level} is not there, from {}{verdict}", found.origin);
+        score.detail = format!(
+            "{level} is not there, from {}{verdict}{}",
+            found.origin,
+            evidence(found)
+        );
         return Ok(score);
     }
 
@@ -231,10 +256,11 @@ fn judge(
         (0.0, 0.0)
     };
     score.detail = format!(
-        "{level} {:.3} mm {:.3}° from {}{breaches}{verdict}",
+        "{level} {:.3} mm {:.3}° from {}{breaches}{verdict}{}",
         error.translation_mm,
         error.rotation_rad.to_degrees(),
         found.origin,
+        evidence(found),
     );
     Ok(score)
 }

@@ -1,0 +1,112 @@
+//! Misfit that is not noise.
+//!
+//! ```text
+//! m² = Σ r_i r_j / N   over the N pairs with |p_i - p_j| ≤ 6 mm and n_i · n_j ≥ 0.7
+//! ```
+//!
+//! r are the signed distances of the target points from the surface in its pose. Noise of a sensor
+//! is independent from point to point, so under the right bone m² is zero up to σ²/√N. Another
+//! shape (another patient, another level, soft tissue) leaves dents and bumps of some millimetres'
+//! extent: neighbouring residuals agree in sign, and m is the depth of the bumps. This is Moran's I
+//! (Moran 1950) without the division by the variance, in mm.
+
+use kiddo::SquaredEuclidean;
+use nalgebra::{Isometry3, Point3, Vector3};
+use pedicle_registration::ReferenceSurface;
+
+use crate::SpineError;
+use crate::bone::BoneSurface;
+use crate::prepare::tree_of;
+
+/// Points are compared with those this near, mm.
+pub(crate) const PATCH_MM: f64 = 6.0;
+/// And with normals whose cosine is at least this.
+const SAME_SIDE: f64 = 0.7;
+/// Points of a vertebra that are looked at; more are thinned out.
+const MAX_POINTS: usize = 1200;
+
+/// How far the shape differs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Misfit {
+    /// m², mm²; may be negative by chance.
+    pub(crate) covariance_mm2: f64,
+    /// Standard deviation of m² if there were only noise, mm².
+    pub(crate) deviation_mm2: f64,
+    /// Factor by which the correlation enlarges the variance of sums over the points.
+    pub(crate) inflation: f64,
+}
+
+impl Misfit {
+    /// No pair was found.
+    pub(crate) const UNKNOWN: Self = Self {
+        covariance_mm2: f64::NAN,
+        deviation_mm2: f64::NAN,
+        inflation: 1.0,
+    };
+
+    /// Depth of the bumps, mm: zero if the correlation is negative.
+    pub(crate) fn depth_mm(&self) -> f64 {
+        if self.covariance_mm2 > 0.0 {
+            self.covariance_mm2.sqrt()
+        } else {
+            self.covariance_mm2 * 0.0
+        }
+    }
+}
+
+/// Compares neighbouring residuals of the points of one vertebra that lie within `gate_mm`.
+pub(crate) fn misfit(
+    bone: &BoneSurface,
+    pose: &Isometry3<f64>,
+    points: &[Point3<f64>],
+    gate_mm: f64,
+) -> Result<Misfit, SpineError> {
+    let inverse = pose.inverse();
+    let mut within: Vec<(Point3<f64>, Vector3<f64>, f64)> = points
+        .iter()
+        .filter_map(|p| {
+            let local = inverse * p;
+            let hit = bone.closest(&local);
+            (hit.distance_mm <= gate_mm)
+                .then(|| (local, hit.normal, (local - hit.point).dot(&hit.normal)))
+        })
+        .collect();
+    let stride = within.len().div_ceil(MAX_POINTS).max(1);
+    if stride > 1 {
+        within = within.into_iter().step_by(stride).collect();
+    }
+    if within.len() < 2 {
+        return Ok(Misfit::UNKNOWN);
+    }
+    let variance = within.iter().map(|w| w.2 * w.2).sum::<f64>() / within.len() as f64;
+    let locals: Vec<Point3<f64>> = within.iter().map(|w| w.0).collect();
+    let tree = tree_of(&locals)?;
+    let (mut sum, mut n_pairs) = (0.0, 0_usize);
+    for (i, (p, normal, residual)) in within.iter().enumerate() {
+        let row: [f64; 3] = p.coords.into();
+        let found = tree
+            .query(&row)
+            .within::<SquaredEuclidean<f64>>(PATCH_MM * PATCH_MM)
+            .execute();
+        let mut others: Vec<usize> = found
+            .into_iter()
+            .map(|item| item.item as usize)
+            .filter(|&j| j > i && within[j].1.dot(normal) >= SAME_SIDE)
+            .collect();
+        others.sort_unstable();
+        n_pairs += others.len();
+        sum += residual * others.iter().map(|&j| within[j].2).sum::<f64>();
+    }
+    if n_pairs == 0 {
+        return Ok(Misfit::UNKNOWN);
+    }
+    let n = n_pairs as f64;
+    let covariance_mm2 = sum / n;
+    // Var(Σ r) = N_p σ² + 2 Σ pairs.
+    let grown = 1.0 + 2.0 * sum / (within.len() as f64 * variance);
+    Ok(Misfit {
+        covariance_mm2,
+        deviation_mm2: variance / n.sqrt(),
+        inflation: if grown > 1.0 { grown } else { 1.0 },
+    })
+}
