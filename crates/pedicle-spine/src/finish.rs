@@ -11,10 +11,13 @@ use crate::bone::BoneSurface;
 use crate::free_space::FreeSpace;
 use crate::misfit::{Misfit, misfit};
 use crate::model::Vertebra;
+use crate::points::PointSet;
 use crate::scoring::{ScoreTable, UNASSIGNED, points_of};
 
 /// Rounds of giving points to vertebrae and fitting.
 const ROUNDS: usize = 3;
+/// The same where the noise is known from the target alone: the points chosen depend on the pose.
+const KNOWN_ROUNDS: usize = 6;
 /// The gate in standard deviations of the noise: farther points are not this vertebra's.
 const GATE_IN_SIGMA: f64 = 5.0;
 /// Smallest gate of the first round and bounds of the later ones, mm.
@@ -23,6 +26,11 @@ const GATE_MM: (f64, f64) = (4.0, 10.0);
 /// the bone is then told apart.
 const KNOWN_GATE_IN_SIGMA: f64 = 4.5;
 const KNOWN_GATE_MM: (f64, f64) = (1.2, 10.0);
+/// Points farther in front of the bone than this are soft tissue: what a camera sees of the bone is
+/// as often behind as in front of it, and of tissue always in front.
+const FRONT_IN_SIGMA: f64 = 2.2;
+/// And this much more, mm.
+const FRONT_FLOOR_MM: f64 = 0.2;
 /// A point counts as explained within this many standard deviations of the noise, and this much
 /// more: surfaces of different triangulation do not coincide.
 const EXPLAINED_IN_SIGMA: f64 = 3.0;
@@ -71,6 +79,30 @@ impl Sensor<'_> {
             None => (GATE_IN_SIGMA * fitted_noise_mm).clamp(GATE_MM.0, GATE_MM.1),
         }
     }
+
+    /// Leaves out points that lie too far in front of the bone, or whose normals contradict its own.
+    fn retain_bone(
+        &self,
+        own: &mut Vec<u32>,
+        bone: &BoneSurface,
+        pose: &Isometry3<f64>,
+        points: &PointSet,
+    ) {
+        if points.normals.is_empty() {
+            return;
+        }
+        let inverse = pose.inverse();
+        let in_front_mm = match (self.free_space, self.noise_mm) {
+            (Some(_), Some(noise_mm)) => FRONT_FLOOR_MM + FRONT_IN_SIGMA * noise_mm,
+            _ => f64::INFINITY,
+        };
+        own.retain(|&p| {
+            let local = inverse * points.positions[p as usize];
+            let hit = bone.closest(&local);
+            (local - hit.point).dot(&hit.normal) <= in_front_mm
+                && points.agrees_in(p as usize, pose, &hit.normal)
+        });
+    }
 }
 
 /// The final fit of all vertebrae.
@@ -85,7 +117,7 @@ pub(crate) struct SpineFit {
 
 /// The target's points and the loose pieces they belong to.
 pub(crate) struct FinePoints {
-    pub(crate) points: Vec<Point3<f64>>,
+    pub(crate) points: PointSet,
     pub(crate) piece: Vec<u32>,
     pub(crate) n_pieces: usize,
 }
@@ -102,17 +134,24 @@ pub(crate) fn finish(
     let mut gate_mm = GATE_MM.0;
     let mut refinements: Vec<Option<Refinement>> = vec![None; vertebrae.len()];
     let mut lists = Vec::new();
-    for _ in 0..ROUNDS {
+    let n_rounds = match sensor.noise_mm {
+        Some(_) => KNOWN_ROUNDS,
+        None => ROUNDS,
+    };
+    for _ in 0..n_rounds {
         let mut owners = ScoreTable::new(&bones, &poses, &target.points, gate_mm).owners();
         settle_pieces(&mut owners, target, vertebrae.len());
         lists = points_of(&owners, vertebrae.len());
+        for (v, own) in lists.iter_mut().enumerate() {
+            sensor.retain_bone(own, &vertebrae[v].bone, &poses[v], &target.points);
+        }
         for (v, own) in lists.iter().enumerate() {
             let options = RefineOptions {
                 max_distance_mm: gate_mm,
                 start_distance_mm: None,
                 ..RefineOptions::default()
             };
-            let points = select(&target.points, own);
+            let points = select(&target.points.positions, own);
             // Too few points or a degenerate patch: there is no fit, and the verdict says so.
             refinements[v] =
                 refine_on_surface(&vertebrae[v].bone, &points, &poses[v], &options).ok();
@@ -127,11 +166,11 @@ pub(crate) fn finish(
     }
 
     let noise_mm = median_noise(&refinements);
-    let explained = Explained::count(&bones, &poses, &target.points, (noise_mm, sensor));
+    let explained = Explained::count(&bones, &poses, &target.points.positions, (noise_mm, sensor));
     let mut fits = Vec::with_capacity(vertebrae.len());
     for (v, vertebra) in vertebrae.iter().enumerate() {
         let refinement = refinements[v].take();
-        let own = select(&target.points, &lists[v]);
+        let own = select(&target.points.positions, &lists[v]);
         let shown = shown_samples(vertebra, &poses[v], &own, noise_mm)?;
         let posterior = shown
             .iter()

@@ -57,6 +57,7 @@ mod misfit;
 mod model;
 mod nearby;
 mod options;
+mod points;
 mod prepare;
 mod scoring;
 mod search;

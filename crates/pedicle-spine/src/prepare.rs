@@ -21,20 +21,21 @@ use rand_chacha::ChaCha8Rng;
 use crate::finish::FinePoints;
 use crate::map_shape::clean;
 use crate::model::{MAX_LANDMARK_DISTANCE_MM, SpineModel};
+use crate::points::PointSet;
 use crate::{Shape, SpineError, Target, TargetSurface};
 
 /// Neighbours whose mean distance tells whether a point floats alone.
 const NEIGHBORS: usize = 8;
 /// Times the median from which on it does.
 const ALONE_RATIO: f64 = 3.0;
-/// Neighbours that a quadric is fitted to.
-const QUADRIC_NEIGHBORS: usize = 20;
+/// Neighbours that a quadric and a plane are fitted to.
+const PATCH_NEIGHBORS: usize = 24;
 /// Unknowns of the quadric.
 const QUADRIC_UNKNOWNS: usize = 6;
 /// Points at which the noise is estimated.
 const NOISE_SAMPLES: usize = 400;
 /// The patch must be this small for a quadric to follow the bone, mm.
-const LARGEST_PATCH_MM: f64 = 4.0;
+const LARGEST_PATCH_MM: f64 = 5.0;
 /// Fewest points of a target.
 const MIN_POINTS: usize = 50;
 
@@ -85,12 +86,25 @@ pub(crate) fn prepare(
         (0..points.len()).collect()
     };
     let n_points_alone = points.len() - kept.len();
-    let fine = sample(points, mesh.as_ref(), kept, n_fine, rng);
-    let sensor_noise_mm = if is_measured {
-        local_noise(&fine.points)?
+    let mut fine = sample(points, mesh.as_ref(), kept, n_fine, rng);
+    let local = if is_measured {
+        local_shape(&fine.points.positions)?
     } else {
         None
     };
+    let sensor_noise_mm = local.as_ref().map(|local| local.noise_mm);
+    if let Some(local) = local {
+        let points = &mut fine.points;
+        points.normals = local.normals;
+        if let Some(view) = &target.view {
+            points.is_oriented = true;
+            for (normal, p) in points.normals.iter_mut().zip(&points.positions) {
+                if normal.dot(&(view.camera_mm - p)) < 0.0 {
+                    *normal = -*normal;
+                }
+            }
+        }
+    }
     let area_share = mesh.as_ref().map(|mesh| {
         let source: f64 = model.vertebrae.iter().map(|v| v.area_mm2).sum();
         mesh.area() / source
@@ -153,14 +167,19 @@ fn not_alone(points: &[Point3<f64>]) -> Result<Vec<usize>, SpineError> {
         .collect())
 }
 
-/// Median over samples of the deviation of a patch from its own best quadric
-/// z = a + bx + cy + dx² + exy + fy², corrected for its six unknowns.
-fn local_noise(points: &[Point3<f64>]) -> Result<Option<f64>, SpineError> {
+/// The noise of dense points and their normals.
+struct Local {
+    /// Median over samples of the deviation of a patch from its own best quadric
+    /// z = a + bx + cy + dx² + exy + fy², corrected for its six unknowns.
+    noise_mm: f64,
+    normals: Vec<Vector3<f64>>,
+}
+
+/// None if the points lie too far apart.
+fn local_shape(points: &[Point3<f64>]) -> Result<Option<Local>, SpineError> {
     let tree = tree_of(points)?;
-    let wanted = NonZero::<usize>::MIN.saturating_add(QUADRIC_NEIGHBORS - 1);
-    let stride = points.len().div_ceil(NOISE_SAMPLES).max(1);
-    let mut patches = Vec::new();
-    for p in points.iter().step_by(stride) {
+    let wanted = NonZero::<usize>::MIN.saturating_add(PATCH_NEIGHBORS - 1);
+    let patch_of = |p: &Point3<f64>| {
         let row: [f64; 3] = p.coords.into();
         let found = tree
             .query(&row)
@@ -174,21 +193,47 @@ fn local_noise(points: &[Point3<f64>]) -> Result<Option<f64>, SpineError> {
         patch.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let radius = patch.last().map_or(f64::INFINITY, |(d, _)| d.sqrt());
         let near: Vec<Point3<f64>> = patch.iter().map(|&(_, i)| points[i as usize]).collect();
-        if let Some(noise) = quadric_deviation(&near) {
-            patches.push((radius, noise));
-        }
-    }
-    if patches.is_empty() {
-        return Ok(None);
-    }
-    let mut radii: Vec<f64> = patches.iter().map(|p| p.0).collect();
+        (radius, near)
+    };
+    let stride = points.len().div_ceil(NOISE_SAMPLES).max(1);
+    let (mut radii, mut noise): (Vec<f64>, Vec<f64>) = points
+        .iter()
+        .step_by(stride)
+        .filter_map(|p| {
+            let (radius, patch) = patch_of(p);
+            Some((radius, quadric_deviation(&patch)?))
+        })
+        .unzip();
     radii.sort_by(f64::total_cmp);
-    if radii[radii.len() / 2] > LARGEST_PATCH_MM {
+    noise.sort_by(f64::total_cmp);
+    if radii
+        .get(radii.len() / 2)
+        .is_none_or(|&radius| radius > LARGEST_PATCH_MM)
+    {
         return Ok(None);
     }
-    let mut noise: Vec<f64> = patches.iter().map(|p| p.1).collect();
-    noise.sort_by(f64::total_cmp);
-    Ok(Some(noise[noise.len() / 2]))
+    let normals = points
+        .iter()
+        .map(|p| plane_of(&patch_of(p).1).1.column(0).into_owned())
+        .collect();
+    Ok(Some(Local {
+        noise_mm: noise[noise.len() / 2],
+        normals,
+    }))
+}
+
+/// The mean of some points and the axes of their spread: the normal of their plane and two in it.
+fn plane_of(patch: &[Point3<f64>]) -> (Vector3<f64>, Matrix3<f64>) {
+    let n = patch.len().max(1) as f64;
+    let mean = patch.iter().map(|p| p.coords).sum::<Vector3<f64>>() / n;
+    let scatter: Matrix3<f64> = patch
+        .iter()
+        .map(|p| (p.coords - mean) * (p.coords - mean).transpose())
+        .sum();
+    let eigen = scatter.symmetric_eigen();
+    let low = eigen.eigenvalues.imin();
+    let axes = [0, 1, 2].map(|k| eigen.eigenvectors.column((low + k) % 3).into_owned());
+    (mean, Matrix3::from_columns(&axes))
 }
 
 fn quadric_deviation(patch: &[Point3<f64>]) -> Option<f64> {
@@ -196,25 +241,17 @@ fn quadric_deviation(patch: &[Point3<f64>]) -> Option<f64> {
     if n <= QUADRIC_UNKNOWNS {
         return None;
     }
-    let mean = patch.iter().map(|p| p.coords).sum::<Vector3<f64>>() / n as f64;
-    let scatter: Matrix3<f64> = patch
-        .iter()
-        .map(|p| (p.coords - mean) * (p.coords - mean).transpose())
-        .sum();
-    let eigen = scatter.symmetric_eigen();
-    let low = eigen.eigenvalues.imin();
-    let axes = eigen.eigenvectors;
-    let (normal, x, y) = (
-        axes.column(low),
-        axes.column((low + 1) % 3),
-        axes.column((low + 2) % 3),
-    );
+    let (mean, axes) = plane_of(patch);
     let mut normal_matrix = Matrix6::zeros();
     let mut right = Vector6::zeros();
     let mut sum = 0.0;
     for p in patch {
         let d = p.coords - mean;
-        let (u, v, w) = (d.dot(&x), d.dot(&y), d.dot(&normal));
+        let (w, u, v) = (
+            d.dot(&axes.column(0)),
+            d.dot(&axes.column(1)),
+            d.dot(&axes.column(2)),
+        );
         let row = Vector6::new(1.0, u, v, u * u, u * v, v * v);
         normal_matrix.ger(1.0, &row, &row, 1.0);
         right += row * w;
@@ -240,32 +277,28 @@ fn sample(
     }
     let Some(mesh) = mesh else {
         return FinePoints {
-            points: chosen.into_iter().map(|v| points[v]).collect(),
+            points: PointSet {
+                positions: chosen.into_iter().map(|v| points[v]).collect(),
+                ..PointSet::default()
+            },
             piece: Vec::new(),
             n_pieces: 0,
         };
     };
     let components = connected_components(mesh);
     // The surface is clean: every vertex belongs to a face and so to a piece.
-    let (points, piece) = chosen
+    let (positions, piece) = chosen
         .into_iter()
         .filter_map(|v| Some((points[v], components.of_vertex[v]?)))
         .unzip();
     FinePoints {
-        points,
+        points: PointSet {
+            positions,
+            ..PointSet::default()
+        },
         piece,
         n_pieces: components.n_components,
     }
-}
-
-/// Some of the points, in their order.
-pub(crate) fn thin_out(points: &[Point3<f64>], n: usize, rng: &mut ChaCha8Rng) -> Vec<Point3<f64>> {
-    if points.len() <= n {
-        return points.to_vec();
-    }
-    let mut chosen = index::sample(rng, points.len(), n).into_vec();
-    chosen.sort_unstable();
-    chosen.into_iter().map(|p| points[p]).collect()
 }
 
 /// Ratio of sizes from which on the units must differ: the smallest useful part of a spine still

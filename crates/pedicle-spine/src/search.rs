@@ -9,7 +9,7 @@
 //!    ambiguous the answer is.
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion};
-use pedicle_registration::{RefineOptions, pose_error, refine_on_surface};
+use pedicle_registration::{ReferenceSurface, RefineOptions, pose_error, refine_on_surface};
 
 use crate::SearchOptions;
 use crate::bone::BoneSurface;
@@ -18,6 +18,7 @@ use crate::free_space::FreeSpace;
 use crate::hypotheses::{Configuration, Origin};
 use crate::model::Vertebra;
 use crate::nearby::nearby;
+use crate::points::PointSet;
 use crate::scoring::{ScoreTable, UNASSIGNED, points_of};
 
 /// Fewest points that a vertebra is fitted to in the search.
@@ -28,6 +29,8 @@ const STEPS_PER_ROUND: usize = 4;
 const STEPS_FOR_ALTERNATIVE: usize = 8;
 /// Points of a fit from another pose: six unknowns do not need more to find the basin.
 const POINTS_FOR_ALTERNATIVE: usize = 90;
+/// The same where many of the points may be soft tissue.
+const POINTS_AMONG_TISSUE: usize = 200;
 /// Rounds after which the worse starts are dropped.
 const QUALIFYING_ROUNDS: usize = 2;
 /// The last rounds of the schedule that a configuration shifted by a level goes through.
@@ -62,7 +65,7 @@ pub(crate) struct Found {
 /// The search over one target.
 pub(crate) struct Search<'a> {
     vertebrae: &'a [Vertebra],
-    points: &'a [Point3<f64>],
+    points: &'a PointSet,
     options: &'a SearchOptions,
     free_space: Option<&'a FreeSpace>,
     /// Whether the levels are not known from landmarks.
@@ -80,7 +83,7 @@ struct Candidate {
 impl<'a> Search<'a> {
     pub(crate) fn new(
         vertebrae: &'a [Vertebra],
-        points: &'a [Point3<f64>],
+        points: &'a PointSet,
         options: &'a SearchOptions,
     ) -> Self {
         Self {
@@ -200,7 +203,21 @@ impl<'a> Search<'a> {
         if own.len() < MIN_POINTS {
             return None;
         }
-        let points: Vec<Point3<f64>> = own.iter().map(|&p| self.points[p as usize]).collect();
+        let inverse = pose.inverse();
+        let points: Vec<Point3<f64>> = own
+            .iter()
+            .map(|&p| (p as usize, self.points.positions[p as usize]))
+            .filter(|(i, p)| {
+                self.points.normals.is_empty() || {
+                    let hit = self.vertebrae[v].coarse.closest(&(inverse * p));
+                    self.points.agrees_in(*i, pose, &hit.normal)
+                }
+            })
+            .map(|(_, p)| p)
+            .collect();
+        if points.len() < MIN_POINTS {
+            return None;
+        }
         let options = RefineOptions {
             max_distance_mm: gate_mm,
             start_distance_mm: None,
@@ -335,7 +352,7 @@ impl<'a> Search<'a> {
     ) -> Vec<Candidate> {
         let bone = &self.vertebrae[v].coarse;
         let owners = table.owners();
-        let claimable: Vec<u32> = (0..self.points.len() as u32)
+        let claimable: Vec<u32> = (0..self.points.positions.len() as u32)
             .filter(|&p| owners[p as usize] == v as u8 || owners[p as usize] == UNASSIGNED)
             .collect();
         let middle_gate = self.options.gates_mm[self.options.gates_mm.len() / 2];
@@ -355,9 +372,14 @@ impl<'a> Search<'a> {
                     let reach = bone.radius_mm() + gate;
                     let center = pose * bone.centroid();
                     let mut near = claimable.clone();
-                    near.retain(|&p| (self.points[p as usize] - center).norm() <= reach);
+                    near.retain(|&p| (self.points.positions[p as usize] - center).norm() <= reach);
                     // The points are a random sample already: every n-th is one as well.
-                    let stride = near.len().div_ceil(POINTS_FOR_ALTERNATIVE).max(1);
+                    let most = if self.points.normals.is_empty() {
+                        POINTS_FOR_ALTERNATIVE
+                    } else {
+                        POINTS_AMONG_TISSUE
+                    };
+                    let stride = near.len().div_ceil(most).max(1);
                     let near: Vec<u32> = near.into_iter().step_by(stride).collect();
                     match self.fit(v, &near, &pose, (gate, STEPS_FOR_ALTERNATIVE)) {
                         Some(refined) => pose = refined,

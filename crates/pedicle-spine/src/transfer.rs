@@ -14,7 +14,7 @@ use crate::hypotheses::{Configuration, Origin};
 use crate::map::{MapReport, map_poses};
 use crate::map_shape::{MapShape, simplified, without_crumbs};
 use crate::model::{SpineModel, given_by_level};
-use crate::prepare::{prepare, thin_out};
+use crate::prepare::prepare;
 use crate::search::Search;
 use crate::starts::StartScene;
 use crate::verdict::Rejection;
@@ -155,7 +155,11 @@ pub fn transfer_with_progress(
     let prepared = prepare(model, target, &landmarks, n_fine, &mut rng)?;
     let fine = &prepared.fine;
     let free_space = target.view.as_ref().and_then(|view| {
-        FreeSpace::new(&fine.points, view, prepared.sensor_noise_mm.unwrap_or(0.0))
+        FreeSpace::new(
+            &fine.points.positions,
+            view,
+            prepared.sensor_noise_mm.unwrap_or(0.0),
+        )
     });
     let free_space = free_space.as_ref();
     // A camera sees patches that soft tissue joins and tears: no map is made of them.
@@ -179,11 +183,11 @@ pub fn transfer_with_progress(
         Some(noise_mm) => options.search.for_noise(noise_mm),
         None => options.search.clone(),
     };
-    let coarse = thin_out(&fine.points, search.n_coarse_points, &mut rng);
+    let coarse = fine.points.thinned_out(search.n_coarse_points, &mut rng);
     let scene = StartScene {
         vertebrae: &model.vertebrae,
         landmarks: &landmarks,
-        points: &coarse,
+        points: &coarse.positions,
         is_posterior: prepared
             .area_share
             .is_none_or(|share| share < model.map_options.whole_area_share),

@@ -74,6 +74,9 @@ pub(crate) struct Arguments {
     /// Print every vertebra that is invalid or rejected, and every scenario that was refused.
     #[arg(long)]
     explain: bool,
+    /// Print every vertebra with the figures its verdict rests on.
+    #[arg(long)]
+    explain_all: bool,
 }
 
 /// The JSON of one suite.
@@ -122,8 +125,8 @@ impl Arguments {
             let cells = cells(scores);
             let (text, markdown) = self.tables(&outcome, *suite, scores, &cells, started.elapsed());
             say(&text);
-            if self.explain {
-                say(&suite_report::explanations(scores));
+            if self.explain || self.explain_all {
+                say(&suite_report::explanations(scores, self.explain_all));
             }
             if *suite == Suite::Paper {
                 held &= self.judge(&outcome.name, &cells)?;
