@@ -2,17 +2,14 @@
 
 use nalgebra::{Isometry3, Point3};
 use pedicle_registration::PoseCovariance;
-use pedicle_trajectory::Plan;
+use pedicle_trajectory::{Plan, Trajectory};
 
 use crate::finish::SpineFit;
 use crate::model::SpineModel;
 use crate::search::Found;
+use crate::uncertainty::{uncertainty, worst_of_pose};
 use crate::verdict::{Deviations, Evidence, chain_rejections, rejections};
-use crate::{VerdictOptions, VertebraTransfer};
-
-/// First-order covariances are too small on noisy targets, by about this much per millimetre of
-/// noise (measured: 5 to 20 % at 1 mm, 20 to 40 % at 2 mm, 45 to 85 % at 3 mm).
-const INFLATION_PER_MM: f64 = 0.25;
+use crate::{TrajectoryUncertainty, TransferredTrajectory, VerdictOptions, VertebraTransfer};
 
 /// All that the verdicts rest on.
 pub(crate) struct Conclusion<'a> {
@@ -72,6 +69,7 @@ impl Conclusion<'_> {
                 .map(|landmark| (pose * vertebra.landmark - landmark).norm()),
             misfit: fit.misfit,
             seen_through: fit.seen_through,
+            sensor_noise_mm: self.fit.sensor_noise_mm,
         };
         VertebraTransfer {
             level: vertebra.level,
@@ -93,28 +91,64 @@ impl Conclusion<'_> {
         }
     }
 
-    /// Standard deviations that the verdict counts with, made larger for what the first order
-    /// leaves out.
-    fn deviations(&self, v: usize, covariance: &PoseCovariance) -> Deviations {
-        let factor = 1.0 + INFLATION_PER_MM * self.fit.noise_mm;
-        let pose = self.fit.fits[v].target_from_source;
-        let level = self.model.vertebrae[v].level;
-        let ends = self
-            .plan
+    /// The carried trajectories, with the uncertainty of those whose vertebra has a fit.
+    pub(crate) fn trajectories(
+        &self,
+        vertebrae: &[VertebraTransfer],
+    ) -> Vec<TransferredTrajectory> {
+        self.plan
             .trajectories
             .iter()
-            .filter(|t| t.level == level)
-            .flat_map(|t| [t.entry_mm, t.tip_mm]);
-        let screw_mm = ends
-            .map(|end| covariance.point_error_mm(&(pose * end)))
-            .fold(
-                0.0,
-                |worst, d| if d > worst || d.is_nan() { d } else { worst },
-            );
+            .map(|trajectory| {
+                let vertebra = &vertebrae[trajectory.level.index()];
+                TransferredTrajectory {
+                    trajectory: trajectory.transformed(&vertebra.target_from_source),
+                    accepted: vertebra.accepted,
+                    uncertainty: vertebra
+                        .covariance
+                        .map(|covariance| self.uncertainty(trajectory, &covariance)),
+                }
+            })
+            .collect()
+    }
+
+    fn uncertainty(
+        &self,
+        planned: &Trajectory,
+        covariance: &PoseCovariance,
+    ) -> TrajectoryUncertainty {
+        let v = planned.level.index();
+        let vertebra = &self.model.vertebrae[v];
+        let pose = &self.fit.fits[v].target_from_source;
+        let anatomy = (vertebra.anatomy.as_ref(), &vertebra.frame);
+        uncertainty(planned, pose, covariance, anatomy)
+    }
+
+    /// Standard deviations in the worst direction.
+    fn deviations(&self, v: usize, covariance: &PoseCovariance) -> Deviations {
+        let level = self.model.vertebrae[v].level;
+        let (mut screw_mm, mut breach_probability) = (0.0, 0.0);
+        for planned in self.plan.trajectories.iter().filter(|t| t.level == level) {
+            let screw = self.uncertainty(planned, covariance);
+            for deviation in [screw.entry_mm, screw.tip_mm] {
+                screw_mm = larger(screw_mm, deviation);
+            }
+            // Where the pedicle could not be measured, the other limits have to do.
+            if !screw.planned_clearance_mm.is_nan() {
+                breach_probability = larger(breach_probability, screw.breach_probability);
+            }
+        }
+        let (orientation_rad, position_mm) = worst_of_pose(covariance);
         Deviations {
-            position_mm: factor * covariance.translation_mm(),
-            orientation_rad: factor * covariance.rotation_rad(),
-            screw_mm: factor * screw_mm,
+            position_mm,
+            orientation_rad,
+            screw_mm,
+            breach_probability,
         }
     }
+}
+
+/// The larger of two, NaN if one is.
+fn larger(a: f64, b: f64) -> f64 {
+    if b > a || b.is_nan() { b } else { a }
 }

@@ -64,6 +64,7 @@ mod search;
 mod starts;
 mod target;
 mod transfer;
+mod uncertainty;
 mod verdict;
 
 pub use error::{Shape, SpineError};
@@ -75,4 +76,5 @@ pub use target::{SensorView, Target, TargetChanges, TargetSurface};
 pub use transfer::{
     Stage, Transfer, TransferredTrajectory, VertebraTransfer, transfer, transfer_with_progress,
 };
+pub use uncertainty::TrajectoryUncertainty;
 pub use verdict::Rejection;

@@ -7,6 +7,7 @@ use pedicle_trajectory::{AnatomicalFrame, Landmarks, Level, Plan, anatomical_fra
 use crate::bone::BoneSurface;
 use crate::free_space::Patch;
 use crate::map_shape::{MapShape, clean, restrict, simplified};
+use crate::uncertainty::Anatomy;
 use crate::{MapOptions, Shape, SpineError};
 
 /// Farthest that a landmark may lie from its surface, mm.
@@ -48,6 +49,8 @@ pub(crate) struct Vertebra {
     pub(crate) is_posterior: Vec<bool>,
     /// The surface in pieces of about equal area.
     pub(crate) patches: Vec<Patch>,
+    /// Its pedicles, as far as they can be measured.
+    pub(crate) anatomy: Option<Anatomy>,
 }
 
 /// The source spine: five vertebrae with their search structures and bases.
@@ -159,6 +162,7 @@ impl SpineModel {
                 level: vertebra.level,
                 bone,
                 coarse,
+                anatomy: Anatomy::new(&vertebra.surface, &frame),
                 frame,
                 landmark,
                 area_mm2: vertebra.surface.area(),

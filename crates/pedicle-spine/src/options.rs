@@ -64,14 +64,16 @@ pub struct VerdictOptions {
     pub min_explained_share: f64,
     /// Largest noise of the target surface, mm. Default 2.5.
     pub max_noise_mm: f64,
-    /// Largest standard deviation of the vertebra's position, mm. Default 0.6: four of them
-    /// stay within the published margin of 2.5 mm.
+    /// Largest standard deviation of the vertebra's position in the worst direction, mm. Default
+    /// 0.65: nearly four of them stay within the published margin of 2.5 mm.
     pub max_translation_std_mm: f64,
-    /// Largest standard deviation of its orientation, rad. Default 0.031 (1.8°): four of them
-    /// stay within the published margin of 7.1°.
+    /// The same of its orientation, rad. Default 0.032 (1.8°): nearly four of them stay within
+    /// the published margin of 7.1°.
     pub max_rotation_std_rad: f64,
-    /// Largest standard deviation of the entry or tip of a planned screw, mm. Default 1.
+    /// The same of the entry or tip of a planned screw, mm. Default 1.2.
     pub max_screw_std_mm: f64,
+    /// Largest probability that a planned screw breaches the cortex. Default 0.02.
+    pub max_breach_probability: f64,
     /// Largest share of the target that may belong to no vertebra. Default 0.1.
     pub max_unexplained_share: f64,
     /// How much worse the target must be explained once all levels are shifted by one, relative
@@ -85,7 +87,8 @@ pub struct VerdictOptions {
     pub max_neighbour_turn_rad: f64,
     /// Largest distance of the landmark pair once the pose is applied, mm. Default 15.
     pub max_landmark_distance_mm: f64,
-    /// Deepest bumps by which the shape may differ from the plan's, mm. Default 0.25.
+    /// Deepest bumps by which the shape may differ from the plan's beyond what noise does, mm.
+    /// Default 0.2.
     pub max_misfit_mm: f64,
     /// Standard deviations of what noise alone would feign that are taken off the misfit before it
     /// is judged. Default 3.
@@ -196,15 +199,16 @@ impl Default for VerdictOptions {
             min_posterior_coverage: 0.35,
             min_explained_share: 0.85,
             max_noise_mm: 2.5,
-            max_translation_std_mm: 0.6,
-            max_rotation_std_rad: 0.031,
-            max_screw_std_mm: 1.0,
+            max_translation_std_mm: 0.65,
+            max_rotation_std_rad: 0.032,
+            max_screw_std_mm: 1.2,
             max_unexplained_share: 0.1,
             min_level_margin: 0.15,
             max_neighbour_shift_mm: 12.0,
             max_neighbour_turn_rad: 0.52,
             max_landmark_distance_mm: 15.0,
-            max_misfit_mm: 0.25,
+            max_misfit_mm: 0.2,
+            max_breach_probability: 0.02,
             misfit_in_sigma: 3.0,
             max_seen_through: 0.08,
             min_alternative_margin: 0.08,

@@ -18,7 +18,9 @@ use crate::prepare::prepare;
 use crate::search::Search;
 use crate::starts::StartScene;
 use crate::verdict::Rejection;
-use crate::{MapOptions, Shape, SpineError, Target, TargetChanges, TransferOptions};
+use crate::{
+    MapOptions, Shape, SpineError, Target, TargetChanges, TrajectoryUncertainty, TransferOptions,
+};
 
 /// Parts of a transfer, in their order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -77,7 +79,8 @@ pub struct VertebraTransfer {
     pub seen_through: f64,
     /// Where the pose came from.
     pub origin: Origin,
-    /// Covariance of the pose; none without a fit.
+    /// Covariance of the pose about the vertebra's centroid, made larger for what the first order
+    /// leaves out and where residuals are correlated; none without a fit.
     pub covariance: Option<PoseCovariance>,
 }
 
@@ -88,6 +91,8 @@ pub struct TransferredTrajectory {
     pub trajectory: Trajectory,
     /// Whether the method vouches for its vertebra.
     pub accepted: bool,
+    /// How far it may be off; none without a fit.
+    pub uncertainty: Option<TrajectoryUncertainty>,
 }
 
 /// The plan on the target.
@@ -210,25 +215,15 @@ pub fn transfer_with_progress(
         free_space,
     };
     let fit = finish(&model.vertebrae, fine, &found.configuration.poses, &sensor)?;
-    let vertebrae = Conclusion {
+    let conclusion = Conclusion {
         model,
         plan,
         landmarks: &landmarks,
         found: &found,
         fit: &fit,
-    }
-    .vertebrae(&options.verdict);
-    let trajectories = plan
-        .trajectories
-        .iter()
-        .map(|trajectory| {
-            let vertebra = &vertebrae[trajectory.level.index()];
-            TransferredTrajectory {
-                trajectory: trajectory.transformed(&vertebra.target_from_source),
-                accepted: vertebra.accepted,
-            }
-        })
-        .collect();
+    };
+    let vertebrae = conclusion.vertebrae(&options.verdict);
+    let trajectories = conclusion.trajectories(&vertebrae);
     Ok(Transfer {
         vertebrae,
         trajectories,

@@ -32,6 +32,8 @@ pub enum Rejection {
     Ambiguous { margin: f64, min: f64 },
     /// The surface seen does not fix where a planned screw goes.
     ScrewUncertain { std_mm: f64, max_mm: f64 },
+    /// A planned screw has too little room for this uncertainty.
+    BreachLikely { probability: f64, max: f64 },
     /// Its points are noisier than those of the other vertebrae: it may be another vertebra.
     NoisierThanOthers { noise_mm: f64, others_mm: f64 },
     /// A part of the target belongs to no vertebra: the levels may be shifted.
@@ -113,6 +115,12 @@ impl std::fmt::Display for Rejection {
             Self::ScrewUncertain { std_mm, max_mm } => write!(
                 f,
                 "the surface seen does not fix where a screw goes (± {std_mm:.2} mm, at most {max_mm:.2} mm)"
+            ),
+            Self::BreachLikely { probability, max } => write!(
+                f,
+                "a planned screw breaches the cortex with a probability of {:.1} % (at most {:.1} %)",
+                100.0 * probability,
+                100.0 * max
             ),
             Self::NoisierThanOthers {
                 noise_mm,
@@ -198,15 +206,19 @@ pub(crate) struct Evidence {
     pub(crate) misfit: Misfit,
     /// Share of the bone that the camera saw through.
     pub(crate) seen_through: f64,
+    /// Noise of the target estimated from it alone.
+    pub(crate) sensor_noise_mm: Option<f64>,
 }
 
-/// Standard deviations of a pose: of the vertebra's centroid, of its orientation, and of the
-/// worst end of a planned screw.
+/// Standard deviations of a pose in the worst direction: of the vertebra's centroid, of its
+/// orientation, and of the worst end of a planned screw.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Deviations {
     pub(crate) position_mm: f64,
     pub(crate) orientation_rad: f64,
     pub(crate) screw_mm: f64,
+    /// Largest probability that a screw breaches the cortex.
+    pub(crate) breach_probability: f64,
 }
 
 /// Vertebrae this much noisier than the median may be other vertebrae: a wrong level fits to
@@ -261,6 +273,7 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
         position_mm: std_mm,
         orientation_rad: std_rad,
         screw_mm,
+        breach_probability,
     } = deviations;
     let others_mm = evidence.others_noise_mm;
     demand(
@@ -293,6 +306,13 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
         },
     );
     demand(
+        breach_probability <= options.max_breach_probability,
+        Rejection::BreachLikely {
+            probability: breach_probability,
+            max: options.max_breach_probability,
+        },
+    );
+    demand(
         std_mm <= options.max_translation_std_mm,
         Rejection::PositionUncertain {
             std_mm,
@@ -314,8 +334,13 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
         },
     );
     let misfit = evidence.misfit;
+    // Tissue taken for bone makes the residuals larger than the sensor does.
+    let noise_mm = match evidence.sensor_noise_mm {
+        Some(noise_mm) if noise_mm < evidence.noise_mm => noise_mm,
+        _ => evidence.noise_mm,
+    };
     demand(
-        misfit.covariance_mm2 - options.misfit_in_sigma * misfit.deviation_mm2
+        misfit.beyond_noise_mm2(noise_mm, options.misfit_in_sigma)
             <= options.max_misfit_mm * options.max_misfit_mm,
         Rejection::ShapeDiffers {
             misfit_mm: misfit.depth_mm(),
@@ -382,6 +407,7 @@ mod tests {
         position_mm: 0.1,
         orientation_rad: 0.003,
         screw_mm: 0.2,
+        breach_probability: 1e-6,
     };
 
     const NOISE_ONLY: Misfit = Misfit {
@@ -404,6 +430,7 @@ mod tests {
             landmark_distance_mm: Some(4.0),
             misfit: NOISE_ONLY,
             seen_through: 0.0,
+            sensor_noise_mm: None,
         }
     }
 
@@ -463,6 +490,13 @@ mod tests {
                 Box::new(|e| e.unexplained_share = 0.2),
             ),
             ("shifted by one", Box::new(|e| e.level_margin = 0.0)),
+            (
+                "breaches the cortex",
+                with(Deviations {
+                    breach_probability: 0.3,
+                    ..GOOD
+                }),
+            ),
             ("saw through 12 %", Box::new(|e| e.seen_through = 0.12)),
             ("right patient", Box::new(|e| e.misfit.covariance_mm2 = 0.5)),
             (

@@ -1,5 +1,6 @@
 //! `cargo xtask bench-scenarios`: the published suite, recomputed, and suites beyond it.
 
+mod calibration;
 mod case;
 mod cell;
 mod gates;
@@ -125,6 +126,7 @@ impl Arguments {
             let cells = cells(scores);
             let (text, markdown) = self.tables(&outcome, *suite, scores, &cells, started.elapsed());
             say(&text);
+            say(&calibration::calibration(scores));
             if self.explain || self.explain_all {
                 say(&suite_report::explanations(scores, self.explain_all));
             }

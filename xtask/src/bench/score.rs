@@ -40,6 +40,8 @@ pub(super) struct VertebraScore {
     pub(super) valid: bool,
     pub(super) accepted: bool,
     pub(super) false_accept: bool,
+    /// Error squared over its covariance: 6 on average if the covariance is honest; NaN without one.
+    pub(super) normalized_error: f64,
     /// Where the final pose came from; none if the scenario was refused.
     pub(super) origin: Option<Origin>,
     pub(super) detail: String,
@@ -128,10 +130,24 @@ fn n_planned(case: &Case, level: Level) -> usize {
 }
 
 /// The figures that the verdict rests on.
-fn evidence(found: &VertebraTransfer) -> String {
+fn evidence(found: &VertebraTransfer, transfer: &Transfer) -> String {
+    let breach = transfer
+        .trajectories
+        .iter()
+        .filter(|t| t.trajectory.level == found.level)
+        .filter_map(|t| t.uncertainty)
+        .map(|u| {
+            format!(
+                "{:.1e} at {:.2}",
+                u.breach_probability, u.planned_clearance_mm
+            )
+        })
+        .collect::<Vec<_>>()
+        .join(" and ");
     format!(
-        " [noise {:.2}, misfit {:.2}, through {:.3}, explained {:.2}, covers {:.2}, margin {:.2}, n {}]",
+        " [noise {:.2} of {:.2}, breach {breach}, misfit {:.2}, through {:.3}, explained {:.2}, covers {:.2}, margin {:.2}, n {}]",
         found.noise_mm,
+        transfer.sensor_noise_mm.unwrap_or(f64::NAN),
         found.misfit_mm,
         found.seen_through,
         found.explained_share,
@@ -173,6 +189,7 @@ pub(super) fn refused(truth: &SuiteTruth, n_planned: usize) -> VertebraScore {
         valid: false,
         accepted: false,
         false_accept: false,
+        normalized_error: f64::NAN,
         origin: None,
         detail: String::new(),
     }
@@ -203,7 +220,7 @@ fn judge(
         score.detail = format!(
             "{level} is not there, from {}{verdict}{}",
             found.origin,
-            evidence(found)
+            evidence(found, transfer)
         );
         return Ok(score);
     }
@@ -243,6 +260,13 @@ fn judge(
     score.false_accept = found.accepted && !score.valid;
     score.n_valid_by_margin = if within { score.n_trajectories } else { 0 };
     score.translation_mm = error.translation_mm;
+    score.normalized_error = found
+        .covariance
+        .and_then(|c| {
+            c.normalized_error_squared(&found.target_from_source, true_pose)
+                .ok()
+        })
+        .unwrap_or(f64::NAN);
     score.rotation_rad = error.rotation_rad;
     // Without noise the bound is zero.
     score.bound_squared = if simulated.noise_mm > 0.0 {
@@ -260,7 +284,7 @@ fn judge(
         error.translation_mm,
         error.rotation_rad.to_degrees(),
         found.origin,
-        evidence(found),
+        evidence(found, transfer),
     );
     Ok(score)
 }
