@@ -214,7 +214,7 @@ const INFLATION_PER_MM: f64 = 0.25;
 fn enlarged(covariance: &PoseCovariance, noise_mm: f64, misfit: &Misfit) -> PoseCovariance {
     let factor = 1.0 + INFLATION_PER_MM * noise_mm;
     PoseCovariance {
-        matrix: covariance.matrix * (factor * factor * misfit.inflation),
+        matrix: covariance.matrix * (factor * factor * misfit.inflation(noise_mm)),
         center: covariance.center,
     }
 }

@@ -36,8 +36,8 @@ pub(crate) struct Misfit {
     pub(crate) covariance_mm2: f64,
     /// Standard deviation of m² if there were only noise, mm².
     pub(crate) deviation_mm2: f64,
-    /// Factor by which the correlation enlarges the variance of sums over the points.
-    pub(crate) inflation: f64,
+    /// Pairs a point over the variance of the residuals, 1/mm²: what m² does to the variance of sums.
+    pub(crate) pairs_over_variance: f64,
 }
 
 impl Misfit {
@@ -45,14 +45,25 @@ impl Misfit {
     pub(crate) const UNKNOWN: Self = Self {
         covariance_mm2: f64::NAN,
         deviation_mm2: f64::NAN,
-        inflation: 1.0,
+        pairs_over_variance: 0.0,
     };
 
     /// What is left of m² once noise of this deviation is taken off, mm²: what it does to m² through
     /// the curvature of the bone, and what it may do by chance.
     pub(crate) fn beyond_noise_mm2(&self, noise_mm: f64, in_sigma: f64) -> f64 {
+        self.beyond_curvature_mm2(noise_mm) - in_sigma * self.deviation_mm2
+    }
+
+    fn beyond_curvature_mm2(&self, noise_mm: f64) -> f64 {
         let by_curvature = CURVATURE_PER_MM * noise_mm * noise_mm;
-        self.covariance_mm2 - by_curvature * by_curvature - in_sigma * self.deviation_mm2
+        self.covariance_mm2 - by_curvature * by_curvature
+    }
+
+    /// Factor by which the correlation enlarges the variance of sums over the points:
+    /// Var(Σ r) = n σ² + 2 Σ over pairs of m².
+    pub(crate) fn inflation(&self, noise_mm: f64) -> f64 {
+        let grown = 2.0 * self.pairs_over_variance * self.beyond_curvature_mm2(noise_mm);
+        if grown > 0.0 { 1.0 + grown } else { 1.0 }
     }
 
     /// Depth of the bumps, mm: zero if the correlation is negative.
@@ -113,11 +124,13 @@ pub(crate) fn misfit(
     }
     let n = n_pairs as f64;
     let covariance_mm2 = sum / n;
-    // Var(Σ r) = N_p σ² + 2 Σ pairs.
-    let grown = 1.0 + 2.0 * sum / (within.len() as f64 * variance);
     Ok(Misfit {
         covariance_mm2,
         deviation_mm2: variance / n.sqrt(),
-        inflation: if grown > 1.0 { grown } else { 1.0 },
+        pairs_over_variance: if variance > 0.0 {
+            n / (within.len() as f64 * variance)
+        } else {
+            0.0
+        },
     })
 }

@@ -70,9 +70,9 @@ pub struct VerdictOptions {
     /// The same of its orientation, rad. Default 0.032 (1.8°): nearly four of them stay within
     /// the published margin of 7.1°.
     pub max_rotation_std_rad: f64,
-    /// The same of the entry or tip of a planned screw, mm. Default 1.2.
+    /// The same of the entry or tip of a planned screw, mm. Default 1.4.
     pub max_screw_std_mm: f64,
-    /// Largest probability that a planned screw breaches the cortex. Default 0.02.
+    /// Largest probability that a planned screw breaches the cortex. Default 0.005.
     pub max_breach_probability: f64,
     /// Largest share of the target that may belong to no vertebra. Default 0.1.
     pub max_unexplained_share: f64,
@@ -93,7 +93,7 @@ pub struct VerdictOptions {
     /// Standard deviations of what noise alone would feign that are taken off the misfit before it
     /// is judged. Default 3.
     pub misfit_in_sigma: f64,
-    /// Largest share of the bone towards the camera that it may have seen through. Default 0.08.
+    /// Largest share of the bone towards the camera that it may have seen through. Default 0.02: right poses show less than 0.005.
     pub max_seen_through: f64,
     /// How much worse, relative to the vertebra's own points, the best clearly different pose
     /// must explain them. Default 0.08.
@@ -201,16 +201,16 @@ impl Default for VerdictOptions {
             max_noise_mm: 2.5,
             max_translation_std_mm: 0.65,
             max_rotation_std_rad: 0.032,
-            max_screw_std_mm: 1.2,
+            max_screw_std_mm: 1.4,
             max_unexplained_share: 0.1,
             min_level_margin: 0.15,
             max_neighbour_shift_mm: 12.0,
             max_neighbour_turn_rad: 0.52,
             max_landmark_distance_mm: 15.0,
             max_misfit_mm: 0.2,
-            max_breach_probability: 0.02,
+            max_breach_probability: 0.005,
             misfit_in_sigma: 3.0,
-            max_seen_through: 0.08,
+            max_seen_through: 0.02,
             min_alternative_margin: 0.08,
         }
     }

@@ -36,6 +36,8 @@ pub enum Rejection {
     BreachLikely { probability: f64, max: f64 },
     /// Its points are noisier than those of the other vertebrae: it may be another vertebra.
     NoisierThanOthers { noise_mm: f64, others_mm: f64 },
+    /// Its points lie farther from its surface than the sensor errs: some of them are not bone.
+    NoisierThanSensor { noise_mm: f64, sensor_mm: f64 },
     /// A part of the target belongs to no vertebra: the levels may be shifted.
     UnexplainedSurface { share: f64, max: f64 },
     /// With all levels shifted by one the target is explained as well.
@@ -129,6 +131,14 @@ impl std::fmt::Display for Rejection {
                 f,
                 "its points are noisier than those of the other vertebrae ({noise_mm:.2} mm against \
                  {others_mm:.2} mm): it may be another vertebra"
+            ),
+            Self::NoisierThanSensor {
+                noise_mm,
+                sensor_mm,
+            } => write!(
+                f,
+                "its points lie {noise_mm:.2} mm off its surface, but the sensor errs by {sensor_mm:.2} mm \
+                 only: soft tissue may have been taken for bone"
             ),
             Self::UnexplainedSurface { share, max } => write!(
                 f,
@@ -226,6 +236,12 @@ pub(crate) struct Deviations {
 const MAX_NOISE_RATIO: f64 = 1.35;
 /// And at least this much, mm: without noise the ratio means nothing.
 const MIN_NOISE_EXCESS_MM: f64 = 0.15;
+
+/// The fitted noise is this much larger than the median of patches: it grows where the surface is
+/// seen at a small angle.
+const SENSOR_TO_SURFACE: f64 = 1.15;
+/// What the steps of the sensor add to its noise, mm.
+const SENSOR_FLOOR_MM: f64 = 0.05;
 
 /// Every reason not to accept.
 pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<Rejection> {
@@ -336,9 +352,20 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
     let misfit = evidence.misfit;
     // Tissue taken for bone makes the residuals larger than the sensor does.
     let noise_mm = match evidence.sensor_noise_mm {
-        Some(noise_mm) if noise_mm < evidence.noise_mm => noise_mm,
+        Some(sensor_mm) if SENSOR_TO_SURFACE * sensor_mm < evidence.noise_mm => {
+            SENSOR_TO_SURFACE * sensor_mm
+        }
         _ => evidence.noise_mm,
     };
+    if let Some(sensor_mm) = evidence.sensor_noise_mm {
+        demand(
+            evidence.noise_mm <= MAX_NOISE_RATIO * sensor_mm + SENSOR_FLOOR_MM,
+            Rejection::NoisierThanSensor {
+                noise_mm: evidence.noise_mm,
+                sensor_mm,
+            },
+        );
+    }
     demand(
         misfit.beyond_noise_mm2(noise_mm, options.misfit_in_sigma)
             <= options.max_misfit_mm * options.max_misfit_mm,
@@ -413,7 +440,7 @@ mod tests {
     const NOISE_ONLY: Misfit = Misfit {
         covariance_mm2: 0.002,
         deviation_mm2: 0.005,
-        inflation: 1.0,
+        pairs_over_variance: 1.0,
     };
 
     fn good() -> Evidence {
@@ -496,6 +523,10 @@ mod tests {
                     breach_probability: 0.3,
                     ..GOOD
                 }),
+            ),
+            (
+                "taken for bone",
+                Box::new(|e| e.sensor_noise_mm = Some(0.25)),
             ),
             ("saw through 12 %", Box::new(|e| e.seen_through = 0.12)),
             ("right patient", Box::new(|e| e.misfit.covariance_mm2 = 0.5)),
