@@ -182,9 +182,13 @@ pub(crate) fn finish(
         let centroid = poses[v] * vertebra.bone.centroid();
         fits.push(Fit {
             target_from_source: poses[v],
-            covariance: refinement
-                .as_ref()
-                .map(|fit| enlarged(&fit.covariance.about(&centroid), noise_mm, &misfit)),
+            covariance: refinement.as_ref().map(|fit| {
+                enlarged(
+                    &fit.covariance.about(&centroid),
+                    (noise_mm, sensor),
+                    &misfit,
+                )
+            }),
             n_points: own.len(),
             explained_share: explained.share_of(v),
             misfit,
@@ -210,11 +214,25 @@ pub(crate) fn finish(
 /// noise (measured: 5 to 20 % at 1 mm, 20 to 40 % at 2 mm, 45 to 85 % at 3 mm).
 const INFLATION_PER_MM: f64 = 0.25;
 
+/// A camera errs along its rays and more at small angles, and what is left of soft tissue pulls all
+/// points of a patch alike: errors of valid poses were this much larger than their covariances said.
+const INFLATION_OF_CAMERA: f64 = 1.3;
+
 /// The covariance with what the first order and independent residuals leave out.
-fn enlarged(covariance: &PoseCovariance, noise_mm: f64, misfit: &Misfit) -> PoseCovariance {
+fn enlarged(
+    covariance: &PoseCovariance,
+    (noise_mm, sensor): (f64, &Sensor<'_>),
+    misfit: &Misfit,
+) -> PoseCovariance {
     let factor = 1.0 + INFLATION_PER_MM * noise_mm;
+    // What noise does through the curvature is in the first factor already, but for a camera it does
+    // more.
+    let (factor, grown) = match sensor.noise_mm {
+        Some(_) => (INFLATION_OF_CAMERA * factor, misfit.inflation(0.0)),
+        None => (factor, misfit.inflation(noise_mm)),
+    };
     PoseCovariance {
-        matrix: covariance.matrix * (factor * factor * misfit.inflation(noise_mm)),
+        matrix: covariance.matrix * (factor * factor * grown),
         center: covariance.center,
     }
 }
