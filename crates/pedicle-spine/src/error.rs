@@ -185,14 +185,19 @@ pub enum SpineError {
     /// The anatomy of the source could not be read from its shape.
     #[error("the anatomy of the source spine could not be read: {0}")]
     Anatomy(#[from] pedicle_trajectory::AnatomyError),
-    /// The target is a cloud of points.
-    #[error(
-        "the target is a cloud of {n_points} points, but only meshes are supported so far: make a \
-         mesh of it first"
-    )]
-    CloudTarget {
+    /// A point of a cloud, or of a tracked frame, that is not finite.
+    #[error("point {point} of the target has a coordinate that is not finite")]
+    NonFinitePoint {
+        /// Its index.
+        point: usize,
+    },
+    /// A cloud of too few points.
+    #[error("the target has {n_points} points, too few for anything (at least {needed} needed)")]
+    TooFewPoints {
         /// Points of the cloud.
         n_points: usize,
+        /// Points needed.
+        needed: usize,
     },
     /// A search tree could not be built.
     #[error("the surface could not be indexed: {reason}")]
@@ -203,12 +208,6 @@ pub enum SpineError {
     /// A frame without points.
     #[error("the frame has no points")]
     EmptyFrame,
-    /// A point of a frame that is not finite.
-    #[error("point {point} of the frame is not finite")]
-    NonFinitePoint {
-        /// Its index.
-        point: usize,
-    },
     /// The tracker needs a pose for every vertebra.
     #[error("there are {n_poses} poses for {n_vertebrae} vertebrae")]
     PoseCount {

@@ -32,6 +32,13 @@ pub enum Origin {
     Neighbour,
     /// The whole spine one level up or down from the landmarks.
     LevelShift,
+    /// The long axis of the target, turned about itself, without any landmark.
+    LongAxis {
+        /// Angle of the turn.
+        turn_rad: f64,
+    },
+    /// A small step from the pose it had.
+    Nearby,
 }
 
 impl std::fmt::Display for Origin {
@@ -44,6 +51,10 @@ impl std::fmt::Display for Origin {
             }
             Self::Neighbour => f.write_str("neighbour's pose"),
             Self::LevelShift => f.write_str("levels shifted by one"),
+            Self::LongAxis { turn_rad } => {
+                write!(f, "long axis turned {:.0}°", turn_rad.to_degrees())
+            }
+            Self::Nearby => f.write_str("step from its pose"),
         }
     }
 }

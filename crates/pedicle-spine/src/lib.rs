@@ -46,21 +46,31 @@
 //! ```
 
 mod bone;
+mod chain;
+mod conclusion;
 mod error;
 mod finish;
+mod free_space;
 mod hypotheses;
 mod map;
 mod map_shape;
+mod misfit;
 mod model;
+mod nearby;
 mod options;
+mod points;
+mod prepare;
 mod scoring;
 mod search;
+mod starts;
+mod target;
 mod tracker;
 mod tracker_motion;
 mod tracker_search;
 mod tracker_state;
 mod tracker_verdict;
 mod transfer;
+mod uncertainty;
 mod verdict;
 
 pub use error::{Shape, SpineError};
@@ -68,10 +78,11 @@ pub use hypotheses::Origin;
 pub use map::{MapReport, View};
 pub use model::{MAX_LANDMARK_DISTANCE_MM, MAX_PLAN_DISTANCE_MM, SourceVertebra, SpineModel};
 pub use options::{MapOptions, SearchOptions, TransferOptions, VerdictOptions};
+pub use target::{SensorView, Target, TargetChanges, TargetSurface};
 pub use tracker::SpineTracker;
 pub use tracker_state::{LostReason, TrackState, TrackedFrame, TrackedVertebra, TrackerOptions};
 pub use transfer::{
-    Stage, Target, TargetChanges, TargetSurface, Transfer, TransferredTrajectory, VertebraTransfer,
-    transfer, transfer_with_progress,
+    Stage, Transfer, TransferredTrajectory, VertebraTransfer, transfer, transfer_with_progress,
 };
+pub use uncertainty::TrajectoryUncertainty;
 pub use verdict::Rejection;

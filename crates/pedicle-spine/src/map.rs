@@ -64,7 +64,7 @@ pub(crate) fn choose_view(model: &SpineModel, target: &MapShape, whole_area_shar
 pub(crate) fn map_poses(
     model: &SpineModel,
     target: &MapShape,
-    target_landmarks: &[Point3<f64>],
+    target_landmarks: &[Option<Point3<f64>>],
     options: &TransferOptions,
 ) -> Result<MapResult, SpineError> {
     let view = choose_view(model, target, model.map_options.whole_area_share);
@@ -72,12 +72,18 @@ pub(crate) fn map_poses(
         View::Whole => &model.whole,
         View::Posterior => &model.posterior,
     };
-    let source_landmarks: Vec<Point3<f64>> = model.vertebrae.iter().map(|v| v.landmark).collect();
+    // A landmark tells something only where both shapes have it.
+    let (source_landmarks, target_landmarks): (Vec<Point3<f64>>, Vec<Point3<f64>>) = model
+        .vertebrae
+        .iter()
+        .zip(target_landmarks)
+        .filter_map(|(v, landmark)| Some((v.landmark, (*landmark)?)))
+        .unzip();
     let (source_functions, target_functions) = descriptors(
         &source.shape,
         target,
         &source_landmarks,
-        target_landmarks,
+        &target_landmarks,
         &model.map_options,
     )?;
     let source_shape = pedicle_fmap::Shape {

@@ -5,7 +5,9 @@ use pedicle_mesh::{TriMesh, concatenate};
 use pedicle_trajectory::{AnatomicalFrame, Landmarks, Level, Plan, anatomical_frames};
 
 use crate::bone::BoneSurface;
+use crate::free_space::Patch;
 use crate::map_shape::{MapShape, clean, restrict, simplified};
+use crate::uncertainty::Anatomy;
 use crate::{MapOptions, Shape, SpineError};
 
 /// Farthest that a landmark may lie from its surface, mm.
@@ -45,6 +47,10 @@ pub(crate) struct Vertebra {
     pub(crate) samples: Vec<Point3<f64>>,
     /// Whether each of them faces a posterior approach.
     pub(crate) is_posterior: Vec<bool>,
+    /// The surface in pieces of about equal area.
+    pub(crate) patches: Vec<Patch>,
+    /// Its pedicles, as far as they can be measured.
+    pub(crate) anatomy: Option<Anatomy>,
 }
 
 /// The source spine: five vertebrae with their search structures and bases.
@@ -138,7 +144,8 @@ impl SpineModel {
         let mut prepared = Vec::with_capacity(vertebrae.len());
         for ((vertebra, frame), landmark) in vertebrae.iter().zip(frames).zip(landmark_points) {
             let bone = BoneSurface::new(&vertebra.surface)?;
-            let coarse = BoneSurface::new(&part_of(&whole, prepared.len() as u8)?)?;
+            let coarse_mesh = part_of(&whole, prepared.len() as u8)?;
+            let coarse = BoneSurface::new(&coarse_mesh)?;
             check_landmark(&bone, &landmark, vertebra.level)?;
             let samples: Vec<Point3<f64>> = whole
                 .shape
@@ -150,15 +157,18 @@ impl SpineModel {
                 .map(|(p, _)| *p)
                 .collect();
             let is_posterior = samples.iter().map(|p| is_exposed(p, &frame)).collect();
+            let patches = patches_of(&coarse_mesh);
             prepared.push(Vertebra {
                 level: vertebra.level,
                 bone,
                 coarse,
+                anatomy: Anatomy::new(&vertebra.surface, &frame),
                 frame,
                 landmark,
                 area_mm2: vertebra.surface.area(),
                 samples,
                 is_posterior,
+                patches,
             });
         }
         Ok(Self {
@@ -225,6 +235,20 @@ fn is_exposed(point: &Point3<f64>, frame: &AnatomicalFrame) -> bool {
     (point - frame.origin).dot(&frame.anterior) < 0.0
 }
 
+/// The vertices with their normals, each with its share of the area.
+fn patches_of(mesh: &TriMesh) -> Vec<Patch> {
+    let area_mm2 = mesh.area() / mesh.n_vertices() as f64;
+    mesh.vertices()
+        .iter()
+        .zip(mesh.vertex_normals())
+        .map(|(&point, normal)| Patch {
+            point,
+            normal,
+            area_mm2,
+        })
+        .collect()
+}
+
 /// The simplified surface of one vertebra.
 fn part_of(whole: &SourceView, vertebra: u8) -> Result<TriMesh, SpineError> {
     let mesh = &whole.shape.mesh;
@@ -263,23 +287,33 @@ fn sorted_by_level(mut vertebrae: Vec<SourceVertebra>) -> Result<Vec<SourceVerte
 }
 
 /// One landmark for each of L1 to L5, in this order.
-pub(crate) fn landmarks_by_level(
+fn landmarks_by_level(landmarks: &Landmarks, shape: Shape) -> Result<Vec<Point3<f64>>, SpineError> {
+    Level::ALL
+        .into_iter()
+        .zip(given_by_level(landmarks, shape)?)
+        .map(|(level, landmark)| landmark.ok_or(SpineError::MissingLandmark { shape, level }))
+        .collect()
+}
+
+/// The landmarks of L1 to L5, in this order, as far as they are given.
+pub(crate) fn given_by_level(
     landmarks: &Landmarks,
     shape: Shape,
-) -> Result<Vec<Point3<f64>>, SpineError> {
+) -> Result<Vec<Option<Point3<f64>>>, SpineError> {
     let mut points = Vec::with_capacity(Level::ALL.len());
     for level in Level::ALL {
         let mut of_level = landmarks.landmarks.iter().filter(|l| l.level == level);
-        let landmark = of_level
-            .next()
-            .ok_or(SpineError::MissingLandmark { shape, level })?;
+        let Some(landmark) = of_level.next() else {
+            points.push(None);
+            continue;
+        };
         if of_level.next().is_some() {
             return Err(SpineError::DoubledLandmark { shape, level });
         }
         if !landmark.position_mm.coords.iter().all(|c| c.is_finite()) {
             return Err(SpineError::NonFiniteLandmark { shape, level });
         }
-        points.push(landmark.position_mm);
+        points.push(Some(landmark.position_mm));
     }
     Ok(points)
 }

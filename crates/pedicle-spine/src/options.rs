@@ -64,14 +64,16 @@ pub struct VerdictOptions {
     pub min_explained_share: f64,
     /// Largest noise of the target surface, mm. Default 2.5.
     pub max_noise_mm: f64,
-    /// Largest standard deviation of the vertebra's position, mm. Default 0.6: four of them
-    /// stay within the published margin of 2.5 mm.
+    /// Largest standard deviation of the vertebra's position in the worst direction, mm. Default
+    /// 0.65: nearly four of them stay within the published margin of 2.5 mm.
     pub max_translation_std_mm: f64,
-    /// Largest standard deviation of its orientation, rad. Default 0.031 (1.8°): four of them
-    /// stay within the published margin of 7.1°.
+    /// The same of its orientation, rad. Default 0.032 (1.8°): nearly four of them stay within
+    /// the published margin of 7.1°.
     pub max_rotation_std_rad: f64,
-    /// Largest standard deviation of the entry or tip of a planned screw, mm. Default 1.
+    /// The same of the entry or tip of a planned screw, mm. Default 1.4.
     pub max_screw_std_mm: f64,
+    /// Largest probability that a planned screw breaches the cortex. Default 0.005.
+    pub max_breach_probability: f64,
     /// Largest share of the target that may belong to no vertebra. Default 0.1.
     pub max_unexplained_share: f64,
     /// How much worse the target must be explained once all levels are shifted by one, relative
@@ -85,6 +87,14 @@ pub struct VerdictOptions {
     pub max_neighbour_turn_rad: f64,
     /// Largest distance of the landmark pair once the pose is applied, mm. Default 15.
     pub max_landmark_distance_mm: f64,
+    /// Deepest bumps by which the shape may differ from the plan's beyond what noise does, mm.
+    /// Default 0.2.
+    pub max_misfit_mm: f64,
+    /// Standard deviations of what noise alone would feign that are taken off the misfit before it
+    /// is judged. Default 3.
+    pub misfit_in_sigma: f64,
+    /// Largest share of the bone towards the camera that it may have seen through. Default 0.02: right poses show less than 0.005.
+    pub max_seen_through: f64,
     /// How much worse, relative to the vertebra's own points, the best clearly different pose
     /// must explain them. Default 0.08.
     pub min_alternative_margin: f64,
@@ -136,6 +146,34 @@ fn positive(name: &'static str, value: f64) -> Result<(), SpineError> {
     Err(SpineError::InvalidOption { name, value })
 }
 
+/// Gates of the search where the noise is known from the target alone, mm.
+const KNOWN_NOISE_GATES_MM: [f64; 6] = [15.0, 10.0, 7.0, 5.0, 3.5, 2.5];
+/// There a point counts as not explained at this many standard deviations of the noise.
+const KNOWN_NOISE_TRUNCATION: f64 = 4.0;
+/// But not below this, mm: the poses of the search are not the last ones.
+const LEAST_TRUNCATION_MM: f64 = 1.2;
+/// There are more points, and more of them soft tissue.
+const KNOWN_NOISE_POINTS: usize = 1000;
+
+impl SearchOptions {
+    /// The settings for a target whose points are dense enough to know their noise: what lies a
+    /// few millimetres from the bone is not bone.
+    pub(crate) fn for_noise(&self, noise_mm: f64) -> Self {
+        let truncation_mm = (KNOWN_NOISE_TRUNCATION * noise_mm).max(LEAST_TRUNCATION_MM);
+        Self {
+            n_coarse_points: self.n_coarse_points.max(KNOWN_NOISE_POINTS),
+            gates_mm: KNOWN_NOISE_GATES_MM.to_vec(),
+            truncation_mm: if truncation_mm < self.truncation_mm {
+                truncation_mm
+            } else {
+                self.truncation_mm
+            },
+            n_turns: 2 * self.n_turns,
+            ..self.clone()
+        }
+    }
+}
+
 impl Default for SearchOptions {
     fn default() -> Self {
         Self {
@@ -161,14 +199,18 @@ impl Default for VerdictOptions {
             min_posterior_coverage: 0.35,
             min_explained_share: 0.85,
             max_noise_mm: 2.5,
-            max_translation_std_mm: 0.6,
-            max_rotation_std_rad: 0.031,
-            max_screw_std_mm: 1.0,
+            max_translation_std_mm: 0.65,
+            max_rotation_std_rad: 0.032,
+            max_screw_std_mm: 1.4,
             max_unexplained_share: 0.1,
             min_level_margin: 0.15,
             max_neighbour_shift_mm: 12.0,
             max_neighbour_turn_rad: 0.52,
             max_landmark_distance_mm: 15.0,
+            max_misfit_mm: 0.2,
+            max_breach_probability: 0.005,
+            misfit_in_sigma: 3.0,
+            max_seen_through: 0.02,
             min_alternative_margin: 0.08,
         }
     }

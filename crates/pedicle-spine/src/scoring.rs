@@ -6,13 +6,14 @@
 //!
 //! d(p, v) is the distance of target point p from vertebra v in its pose, τ the truncation
 //! distance: the MSAC score of Torr & Zisserman 2000 taken over a surface instead of point
-//! pairs. Every target point counts once, for the vertebra that explains it best, so a vertebra
+//! pairs. A point whose own normal contradicts the one of the surface scores nothing. Every target point counts once, for the vertebra that explains it best, so a vertebra
 //! posed on its neighbour's bone gains nothing.
 
-use nalgebra::{Isometry3, Point3};
+use nalgebra::Isometry3;
 use pedicle_registration::ReferenceSurface;
 
 use crate::bone::BoneSurface;
+use crate::points::PointSet;
 
 /// One `target_from_source` a vertebra, in the order of the model's vertebrae.
 pub(crate) type Poses = Vec<Isometry3<f64>>;
@@ -32,7 +33,7 @@ impl ScoreTable {
     pub(crate) fn new(
         bones: &[&BoneSurface],
         poses: &[Isometry3<f64>],
-        points: &[Point3<f64>],
+        points: &PointSet,
         truncation_mm: f64,
     ) -> Self {
         let columns = bones
@@ -51,7 +52,7 @@ impl ScoreTable {
         &self,
         bone: &BoneSurface,
         pose: &Isometry3<f64>,
-        points: &[Point3<f64>],
+        points: &PointSet,
     ) -> Vec<f64> {
         score_column(bone, pose, points, self.truncation_mm)
     }
@@ -103,20 +104,26 @@ impl ScoreTable {
 fn score_column(
     bone: &BoneSurface,
     pose: &Isometry3<f64>,
-    points: &[Point3<f64>],
+    points: &PointSet,
     truncation_mm: f64,
 ) -> Vec<f64> {
     let source_from_target = pose.inverse();
     let reach = bone.radius_mm() + truncation_mm;
     let reach_squared = reach * reach;
     points
+        .positions
         .iter()
-        .map(|p| {
+        .enumerate()
+        .map(|(i, p)| {
             let local = source_from_target * p;
             if (local - bone.centroid()).norm_squared() > reach_squared {
                 return 0.0;
             }
-            let ratio = bone.closest(&local).distance_mm / truncation_mm;
+            let hit = bone.closest(&local);
+            if !points.agrees_in(i, pose, &hit.normal) {
+                return 0.0;
+            }
+            let ratio = hit.distance_mm / truncation_mm;
             let score = 1.0 - ratio * ratio;
             if score > 0.0 { score } else { 0.0 }
         })

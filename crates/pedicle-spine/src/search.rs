@@ -9,12 +9,16 @@
 //!    ambiguous the answer is.
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion};
-use pedicle_registration::{RefineOptions, pose_error, refine_on_surface};
+use pedicle_registration::{ReferenceSurface, RefineOptions, pose_error, refine_on_surface};
 
 use crate::SearchOptions;
 use crate::bone::BoneSurface;
+use crate::chain::chain_cost;
+use crate::free_space::FreeSpace;
 use crate::hypotheses::{Configuration, Origin};
 use crate::model::Vertebra;
+use crate::nearby::nearby;
+use crate::points::PointSet;
 use crate::scoring::{ScoreTable, UNASSIGNED, points_of};
 
 /// Fewest points that a vertebra is fitted to in the search.
@@ -25,6 +29,8 @@ const STEPS_PER_ROUND: usize = 4;
 const STEPS_FOR_ALTERNATIVE: usize = 8;
 /// Points of a fit from another pose: six unknowns do not need more to find the basin.
 const POINTS_FOR_ALTERNATIVE: usize = 90;
+/// The same where many of the points may be soft tissue.
+const POINTS_AMONG_TISSUE: usize = 200;
 /// Rounds after which the worse starts are dropped.
 const QUALIFYING_ROUNDS: usize = 2;
 /// The last rounds of the schedule that a configuration shifted by a level goes through.
@@ -33,6 +39,8 @@ const SHIFT_ROUNDS: usize = 4;
 const HALF_A_LEVEL_MM: f64 = 15.0;
 /// Gate of the last fit from another pose, in truncation distances.
 const GATE_IN_TRUNCATIONS: f64 = 1.5;
+/// A last gate below this share of the middle one needs a step between.
+const NARROW_GATE: f64 = 0.7;
 /// A pose is replaced only for a gain beyond rounding.
 const MIN_IMPROVEMENT: f64 = 1e-9;
 /// Poses closer than this are the same hypothesis.
@@ -57,8 +65,11 @@ pub(crate) struct Found {
 /// The search over one target.
 pub(crate) struct Search<'a> {
     vertebrae: &'a [Vertebra],
-    points: &'a [Point3<f64>],
+    points: &'a PointSet,
     options: &'a SearchOptions,
+    free_space: Option<&'a FreeSpace>,
+    /// Whether the levels are not known from landmarks.
+    levels_are_free: bool,
 }
 
 /// Another pose for one vertebra.
@@ -72,14 +83,28 @@ struct Candidate {
 impl<'a> Search<'a> {
     pub(crate) fn new(
         vertebrae: &'a [Vertebra],
-        points: &'a [Point3<f64>],
+        points: &'a PointSet,
         options: &'a SearchOptions,
     ) -> Self {
         Self {
             vertebrae,
             points,
             options,
+            free_space: None,
+            levels_are_free: false,
         }
+    }
+
+    /// The same search with what a camera saw through.
+    pub(crate) fn with_free_space(mut self, free_space: Option<&'a FreeSpace>) -> Self {
+        self.free_space = free_space;
+        self
+    }
+
+    /// The same search for levels that no landmarks tell: every other start may be another level.
+    pub(crate) fn with_free_levels(mut self, levels_are_free: bool) -> Self {
+        self.levels_are_free = levels_are_free;
+        self
     }
 
     /// Runs both steps. There must be a start and a gate.
@@ -104,8 +129,14 @@ impl<'a> Search<'a> {
             let given = std::mem::replace(&mut best, better.clone());
             shifted.push(given);
         }
+        let finalists = if self.levels_are_free {
+            &configurations[..n_finalists]
+        } else {
+            &[]
+        };
         let rival = shifted
             .iter()
+            .chain(finalists)
             .filter(|other| self.is_other_level(other, &best))
             .map(|other| other.score)
             .fold(0.0, |most, score| if score > most { score } else { most });
@@ -136,7 +167,28 @@ impl<'a> Search<'a> {
                 }
             }
         }
-        start.score = self.table(&start.poses, self.options.truncation_mm).total();
+        let explained = self.table(&start.poses, self.options.truncation_mm).total();
+        start.score = explained - self.contradictions(&start.poses);
+    }
+
+    /// What the camera saw through of all vertebrae, as a share of the target.
+    fn contradictions(&self, poses: &[Isometry3<f64>]) -> f64 {
+        (0..poses.len())
+            .map(|v| self.contradiction(v, &poses[v]))
+            .sum()
+    }
+
+    fn contradiction(&self, v: usize, pose: &Isometry3<f64>) -> f64 {
+        self.free_space.map_or(0.0, |free_space| {
+            free_space
+                .contradiction(&self.vertebrae[v].patches, pose)
+                .of_target
+        })
+    }
+
+    /// What counts against a pose of a vertebra besides what it does not explain.
+    fn cost(&self, v: usize, pose: &Isometry3<f64>, poses: &[Isometry3<f64>]) -> f64 {
+        self.contradiction(v, pose) + chain_cost(self.vertebrae, v, pose, poses)
     }
 
     /// Fits a vertebra to some of the points. None if they are too few, or too few of them lie
@@ -151,7 +203,21 @@ impl<'a> Search<'a> {
         if own.len() < MIN_POINTS {
             return None;
         }
-        let points: Vec<Point3<f64>> = own.iter().map(|&p| self.points[p as usize]).collect();
+        let inverse = pose.inverse();
+        let points: Vec<Point3<f64>> = own
+            .iter()
+            .map(|&p| (p as usize, self.points.positions[p as usize]))
+            .filter(|(i, p)| {
+                self.points.normals.is_empty() || {
+                    let hit = self.vertebrae[v].coarse.closest(&(inverse * p));
+                    self.points.agrees_in(*i, pose, &hit.normal)
+                }
+            })
+            .map(|(_, p)| p)
+            .collect();
+        if points.len() < MIN_POINTS {
+            return None;
+        }
         let options = RefineOptions {
             max_distance_mm: gate_mm,
             start_distance_mm: None,
@@ -222,7 +288,7 @@ impl<'a> Search<'a> {
             let mut changed = false;
             for (v, margin) in margins.iter_mut().enumerate() {
                 let tried = self.candidates(v, &best, all, &table);
-                let total = table.total();
+                let total = table.total() - self.cost(v, &best.poses[v], &best.poses);
                 let winner = tried
                     .iter()
                     .max_by(|a, b| a.total.total_cmp(&b.total))
@@ -241,7 +307,7 @@ impl<'a> Search<'a> {
             // Margins of earlier vertebrae were taken against poses that have changed since;
             // the next sweep takes them again.
         }
-        best.score = table.total();
+        best.score = table.total() - self.contradictions(&best.poses);
         (best, margins)
     }
 
@@ -286,25 +352,34 @@ impl<'a> Search<'a> {
     ) -> Vec<Candidate> {
         let bone = &self.vertebrae[v].coarse;
         let owners = table.owners();
-        let claimable: Vec<u32> = (0..self.points.len() as u32)
+        let claimable: Vec<u32> = (0..self.points.positions.len() as u32)
             .filter(|&p| owners[p as usize] == v as u8 || owners[p as usize] == UNASSIGNED)
             .collect();
         let middle_gate = self.options.gates_mm[self.options.gates_mm.len() / 2];
-        let gates = [
-            middle_gate,
-            GATE_IN_TRUNCATIONS * self.options.truncation_mm,
-        ];
+        let last_gate = GATE_IN_TRUNCATIONS * self.options.truncation_mm;
+        let between = (middle_gate * last_gate).sqrt();
+        // From a wide gate to one less than half of it in one step loses the basin.
+        let gates: &[f64] = if last_gate < NARROW_GATE * middle_gate {
+            &[middle_gate, between, last_gate]
+        } else {
+            &[middle_gate, last_gate]
+        };
         self.starts(v, best, all)
             .into_iter()
             .map(|(origin, start)| {
                 let mut pose = start;
-                for gate in gates {
+                for &gate in gates {
                     let reach = bone.radius_mm() + gate;
                     let center = pose * bone.centroid();
                     let mut near = claimable.clone();
-                    near.retain(|&p| (self.points[p as usize] - center).norm() <= reach);
+                    near.retain(|&p| (self.points.positions[p as usize] - center).norm() <= reach);
                     // The points are a random sample already: every n-th is one as well.
-                    let stride = near.len().div_ceil(POINTS_FOR_ALTERNATIVE).max(1);
+                    let most = if self.points.normals.is_empty() {
+                        POINTS_FOR_ALTERNATIVE
+                    } else {
+                        POINTS_AMONG_TISSUE
+                    };
+                    let stride = near.len().div_ceil(most).max(1);
                     let near: Vec<u32> = near.into_iter().step_by(stride).collect();
                     match self.fit(v, &near, &pose, (gate, STEPS_FOR_ALTERNATIVE)) {
                         Some(refined) => pose = refined,
@@ -312,7 +387,8 @@ impl<'a> Search<'a> {
                     }
                 }
                 let column = table.column(bone, &pose, self.points);
-                let total = table.total_with(v, &column);
+                let cost = self.cost(v, &pose, &best.poses);
+                let total = table.total_with(v, &column) - cost;
                 Candidate {
                     origin,
                     pose,
@@ -348,8 +424,15 @@ impl<'a> Search<'a> {
             );
             starts.push((Origin::LandmarkLine { turn_rad }, best.poses[v] * about));
         }
+        if self.free_space.is_some() {
+            let small = nearby(vertebra, &best.poses[v]);
+            starts.extend(small.into_iter().map(|pose| (Origin::Nearby, pose)));
+        }
         let mut distinct: Vec<(Origin, Isometry3<f64>)> = Vec::new();
         for (origin, pose) in starts {
+            if !self.faces_camera(v, &pose) {
+                continue;
+            }
             if self.is_distinct(v, &pose, &best.poses[v])
                 && distinct
                     .iter()
@@ -361,10 +444,32 @@ impl<'a> Search<'a> {
         distinct
     }
 
+    /// Whether the back of a vertebra looks at the camera, if there is one: nothing else of a spine
+    /// can be seen from behind.
+    fn faces_camera(&self, v: usize, pose: &Isometry3<f64>) -> bool {
+        let vertebra = &self.vertebrae[v];
+        self.free_space
+            .is_none_or(|free_space| faces_camera(vertebra, pose, free_space))
+    }
+
     fn is_distinct(&self, v: usize, a: &Isometry3<f64>, b: &Isometry3<f64>) -> bool {
         let difference = pose_error(a, b, &self.vertebrae[v].bone.centroid());
         difference.translation_mm > DISTINCT_MM || difference.rotation_rad > DISTINCT_RAD
     }
+}
+
+/// Least cosine between the backward direction of a vertebra and the direction to the camera.
+const MIN_FACING: f64 = 0.3;
+
+/// Whether the back of a vertebra looks at the camera.
+pub(crate) fn faces_camera(
+    vertebra: &Vertebra,
+    pose: &Isometry3<f64>,
+    free_space: &FreeSpace,
+) -> bool {
+    let backwards = pose.rotation * -vertebra.frame.anterior;
+    let center = pose * vertebra.bone.centroid();
+    backwards.dot(&free_space.towards_camera(&center)) >= MIN_FACING
 }
 
 fn turn_about(center: &Point3<f64>, rotation: &UnitQuaternion<f64>) -> Isometry3<f64> {

@@ -4,6 +4,7 @@ use nalgebra::{Isometry3, Point3};
 use pedicle_trajectory::Level;
 
 use crate::VerdictOptions;
+use crate::misfit::{Misfit, PATCH_MM};
 
 /// One reason not to vouch for a vertebra. Its text is a sentence for the user.
 #[derive(Debug, Clone, PartialEq)]
@@ -31,8 +32,12 @@ pub enum Rejection {
     Ambiguous { margin: f64, min: f64 },
     /// The surface seen does not fix where a planned screw goes.
     ScrewUncertain { std_mm: f64, max_mm: f64 },
+    /// A planned screw has too little room for this uncertainty.
+    BreachLikely { probability: f64, max: f64 },
     /// Its points are noisier than those of the other vertebrae: it may be another vertebra.
     NoisierThanOthers { noise_mm: f64, others_mm: f64 },
+    /// Its points lie farther from its surface than the sensor errs: some of them are not bone.
+    NoisierThanSensor { noise_mm: f64, sensor_mm: f64 },
     /// A part of the target belongs to no vertebra: the levels may be shifted.
     UnexplainedSurface { share: f64, max: f64 },
     /// With all levels shifted by one the target is explained as well.
@@ -49,6 +54,10 @@ pub enum Rejection {
         turn_rad: f64,
         max_rad: f64,
     },
+    /// Neighbouring points are off in the same direction: the bone has another shape.
+    ShapeDiffers { misfit_mm: f64, patch_mm: f64 },
+    /// The camera saw through where the bone would be.
+    SeenThrough { share: f64, max: f64 },
     /// It lies far from where the user put its landmark.
     FarFromLandmark { distance_mm: f64, max_mm: f64 },
 }
@@ -109,6 +118,12 @@ impl std::fmt::Display for Rejection {
                 f,
                 "the surface seen does not fix where a screw goes (± {std_mm:.2} mm, at most {max_mm:.2} mm)"
             ),
+            Self::BreachLikely { probability, max } => write!(
+                f,
+                "a planned screw breaches the cortex with a probability of {:.1} % (at most {:.1} %)",
+                100.0 * probability,
+                100.0 * max
+            ),
             Self::NoisierThanOthers {
                 noise_mm,
                 others_mm,
@@ -116,6 +131,14 @@ impl std::fmt::Display for Rejection {
                 f,
                 "its points are noisier than those of the other vertebrae ({noise_mm:.2} mm against \
                  {others_mm:.2} mm): it may be another vertebra"
+            ),
+            Self::NoisierThanSensor {
+                noise_mm,
+                sensor_mm,
+            } => write!(
+                f,
+                "its points lie {noise_mm:.2} mm off its surface, but the sensor errs by {sensor_mm:.2} mm \
+                 only: soft tissue may have been taken for bone"
             ),
             Self::UnexplainedSurface { share, max } => write!(
                 f,
@@ -149,6 +172,20 @@ impl std::fmt::Display for Rejection {
                 turn_rad.to_degrees(),
                 max_rad.to_degrees()
             ),
+            Self::ShapeDiffers {
+                misfit_mm,
+                patch_mm,
+            } => write!(
+                f,
+                "the shape differs from the plan's by {misfit_mm:.2} mm over patches of {patch_mm:.0} mm: \
+                 is this the right patient and level, and is it bare bone?"
+            ),
+            Self::SeenThrough { share, max } => write!(
+                f,
+                "the camera saw through {:.0} % of where the bone would be (at most {:.0} %)",
+                100.0 * share,
+                100.0 * max
+            ),
             Self::FarFromLandmark {
                 distance_mm,
                 max_mm,
@@ -174,16 +211,24 @@ pub(crate) struct Evidence {
     pub(crate) unexplained_share: f64,
     pub(crate) level_margin: f64,
     pub(crate) alternative_margin: f64,
-    pub(crate) landmark_distance_mm: f64,
+    /// None without a landmark.
+    pub(crate) landmark_distance_mm: Option<f64>,
+    pub(crate) misfit: Misfit,
+    /// Share of the bone that the camera saw through.
+    pub(crate) seen_through: f64,
+    /// Noise of the target estimated from it alone.
+    pub(crate) sensor_noise_mm: Option<f64>,
 }
 
-/// Standard deviations of a pose: of the vertebra's centroid, of its orientation, and of the
-/// worst end of a planned screw.
+/// Standard deviations of a pose in the worst direction: of the vertebra's centroid, of its
+/// orientation, and of the worst end of a planned screw.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Deviations {
     pub(crate) position_mm: f64,
     pub(crate) orientation_rad: f64,
     pub(crate) screw_mm: f64,
+    /// Largest probability that a screw breaches the cortex.
+    pub(crate) breach_probability: f64,
 }
 
 /// Vertebrae this much noisier than the median may be other vertebrae: a wrong level fits to
@@ -191,6 +236,12 @@ pub(crate) struct Deviations {
 const MAX_NOISE_RATIO: f64 = 1.35;
 /// And at least this much, mm: without noise the ratio means nothing.
 const MIN_NOISE_EXCESS_MM: f64 = 0.15;
+
+/// The fitted noise is this much larger than the median of patches: it grows where the surface is
+/// seen at a small angle.
+const SENSOR_TO_SURFACE: f64 = 1.15;
+/// What the steps of the sensor add to its noise, mm.
+const SENSOR_FLOOR_MM: f64 = 0.05;
 
 /// Every reason not to accept.
 pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<Rejection> {
@@ -238,6 +289,7 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
         position_mm: std_mm,
         orientation_rad: std_rad,
         screw_mm,
+        breach_probability,
     } = deviations;
     let others_mm = evidence.others_noise_mm;
     demand(
@@ -270,6 +322,13 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
         },
     );
     demand(
+        breach_probability <= options.max_breach_probability,
+        Rejection::BreachLikely {
+            probability: breach_probability,
+            max: options.max_breach_probability,
+        },
+    );
+    demand(
         std_mm <= options.max_translation_std_mm,
         Rejection::PositionUncertain {
             std_mm,
@@ -290,13 +349,47 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
             min: options.min_alternative_margin,
         },
     );
+    let misfit = evidence.misfit;
+    // Tissue taken for bone makes the residuals larger than the sensor does.
+    let noise_mm = match evidence.sensor_noise_mm {
+        Some(sensor_mm) if SENSOR_TO_SURFACE * sensor_mm < evidence.noise_mm => {
+            SENSOR_TO_SURFACE * sensor_mm
+        }
+        _ => evidence.noise_mm,
+    };
+    if let Some(sensor_mm) = evidence.sensor_noise_mm {
+        demand(
+            evidence.noise_mm <= MAX_NOISE_RATIO * sensor_mm + SENSOR_FLOOR_MM,
+            Rejection::NoisierThanSensor {
+                noise_mm: evidence.noise_mm,
+                sensor_mm,
+            },
+        );
+    }
     demand(
-        evidence.landmark_distance_mm <= options.max_landmark_distance_mm,
-        Rejection::FarFromLandmark {
-            distance_mm: evidence.landmark_distance_mm,
-            max_mm: options.max_landmark_distance_mm,
+        misfit.beyond_noise_mm2(noise_mm, options.misfit_in_sigma)
+            <= options.max_misfit_mm * options.max_misfit_mm,
+        Rejection::ShapeDiffers {
+            misfit_mm: misfit.depth_mm(),
+            patch_mm: PATCH_MM,
         },
     );
+    demand(
+        evidence.seen_through <= options.max_seen_through,
+        Rejection::SeenThrough {
+            share: evidence.seen_through,
+            max: options.max_seen_through,
+        },
+    );
+    if let Some(distance_mm) = evidence.landmark_distance_mm {
+        demand(
+            distance_mm <= options.max_landmark_distance_mm,
+            Rejection::FarFromLandmark {
+                distance_mm,
+                max_mm: options.max_landmark_distance_mm,
+            },
+        );
+    }
     found
 }
 
@@ -341,6 +434,13 @@ mod tests {
         position_mm: 0.1,
         orientation_rad: 0.003,
         screw_mm: 0.2,
+        breach_probability: 1e-6,
+    };
+
+    const NOISE_ONLY: Misfit = Misfit {
+        covariance_mm2: 0.002,
+        deviation_mm2: 0.005,
+        pairs_over_variance: 1.0,
     };
 
     fn good() -> Evidence {
@@ -354,7 +454,10 @@ mod tests {
             unexplained_share: 0.01,
             level_margin: 0.5,
             alternative_margin: 0.4,
-            landmark_distance_mm: 4.0,
+            landmark_distance_mm: Some(4.0),
+            misfit: NOISE_ONLY,
+            seen_through: 0.0,
+            sensor_noise_mm: None,
         }
     }
 
@@ -415,6 +518,23 @@ mod tests {
             ),
             ("shifted by one", Box::new(|e| e.level_margin = 0.0)),
             (
+                "breaches the cortex",
+                with(Deviations {
+                    breach_probability: 0.3,
+                    ..GOOD
+                }),
+            ),
+            (
+                "taken for bone",
+                Box::new(|e| e.sensor_noise_mm = Some(0.25)),
+            ),
+            ("saw through 12 %", Box::new(|e| e.seen_through = 0.12)),
+            ("right patient", Box::new(|e| e.misfit.covariance_mm2 = 0.5)),
+            (
+                "right patient",
+                Box::new(|e| e.misfit.covariance_mm2 = f64::NAN),
+            ),
+            (
                 "fix the position",
                 with(Deviations {
                     position_mm: 2.0,
@@ -445,7 +565,7 @@ mod tests {
             ("another pose", Box::new(|e| e.alternative_margin = 0.01)),
             (
                 "from its landmark",
-                Box::new(|e| e.landmark_distance_mm = 40.0),
+                Box::new(|e| e.landmark_distance_mm = Some(40.0)),
             ),
             ("no fit", Box::new(|e| e.deviations = None)),
         ];

@@ -1,6 +1,7 @@
 //! `cargo xtask bench-scenarios`: the published suite, recomputed, and suites beyond it.
 
 mod beside;
+mod calibration;
 pub(crate) mod case;
 mod cell;
 mod gates;
@@ -82,6 +83,9 @@ pub(crate) struct Arguments {
     /// Print every vertebra that is invalid or rejected, and every scenario that was refused.
     #[arg(long)]
     explain: bool,
+    /// Print every vertebra with the figures its verdict rests on.
+    #[arg(long)]
+    explain_all: bool,
 }
 
 /// The JSON of one suite.
@@ -133,6 +137,7 @@ impl Arguments {
             let (text, mut markdown) =
                 self.tables(&outcome, *suite, scores, &cells, started.elapsed());
             say(&text);
+            say(&calibration::calibration(scores));
             if self.baselines {
                 beside::add(&mut cells, beside);
                 let table = |style| beside::table(&cells, style);
@@ -149,8 +154,8 @@ impl Arguments {
                     beside::words(&cells)
                 ));
             }
-            if self.explain {
-                say(&suite_report::explanations(scores));
+            if self.explain || self.explain_all {
+                say(&suite_report::explanations(scores, self.explain_all));
             }
             if *suite == Suite::Paper {
                 held &= self.judge(&outcome.name, &cells)?;

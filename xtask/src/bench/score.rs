@@ -7,7 +7,8 @@ use pedicle_simulation::{
     SuiteScenario, SuiteTarget, SuiteTruth, TargetSurface, simulate_suite, trajectory_error,
 };
 use pedicle_spine::{
-    Origin, SpineModel, Stage, Target, Transfer, TransferOptions, transfer_with_progress,
+    Origin, SensorView, SpineModel, Stage, Target, Transfer, TransferOptions, VertebraTransfer,
+    transfer_with_progress,
 };
 use pedicle_trajectory::{
     CheckOptions, Level, SafetyMargins, Trajectory, TrajectoryDefect, check_trajectory,
@@ -39,6 +40,8 @@ pub(super) struct VertebraScore {
     pub(super) valid: bool,
     pub(super) accepted: bool,
     pub(super) false_accept: bool,
+    /// Error squared over its covariance: 6 on average if the covariance is honest; NaN without one.
+    pub(super) normalized_error: f64,
     /// Where the final pose came from; none if the scenario was refused.
     pub(super) origin: Option<Origin>,
     pub(super) detail: String,
@@ -109,15 +112,49 @@ pub(super) fn run(
 
 fn target_of(simulated: &SuiteTarget) -> Target {
     let landmarks = simulated.target_landmarks.clone();
-    match simulated.surface.clone() {
+    let target = match simulated.surface.clone() {
         TargetSurface::Mesh(mesh) => Target::mesh(mesh, landmarks),
         TargetSurface::Cloud(points) => Target::cloud(points, landmarks),
+    };
+    match &simulated.view {
+        Some(view) => target.seen_from(SensorView {
+            camera_mm: view.camera_mm,
+        }),
+        None => target,
     }
 }
 
 pub(super) fn n_planned(case: &Case, level: Level) -> usize {
     let of_level = |t: &&Trajectory| t.level == level;
     case.plan.trajectories.iter().filter(of_level).count()
+}
+
+/// The figures that the verdict rests on.
+fn evidence(found: &VertebraTransfer, transfer: &Transfer) -> String {
+    let breach = transfer
+        .trajectories
+        .iter()
+        .filter(|t| t.trajectory.level == found.level)
+        .filter_map(|t| t.uncertainty)
+        .map(|u| {
+            format!(
+                "{:.1e} at {:.2}",
+                u.breach_probability, u.planned_clearance_mm
+            )
+        })
+        .collect::<Vec<_>>()
+        .join(" and ");
+    format!(
+        " [noise {:.2} of {:.2}, breach {breach}, misfit {:.2}, through {:.3}, explained {:.2}, covers {:.2}, margin {:.2}, n {}]",
+        found.noise_mm,
+        transfer.sensor_noise_mm.unwrap_or(f64::NAN),
+        found.misfit_mm,
+        found.seen_through,
+        found.explained_share,
+        found.posterior_coverage,
+        found.alternative_margin,
+        found.n_points,
+    )
 }
 
 fn check_failed(score: &ScenarioScore, error: &impl ToString) -> XtaskError {
@@ -152,6 +189,7 @@ pub(super) fn refused(truth: &SuiteTruth, n_planned: usize) -> VertebraScore {
         valid: false,
         accepted: false,
         false_accept: false,
+        normalized_error: f64::NAN,
         origin: None,
         detail: String::new(),
     }
@@ -174,15 +212,24 @@ fn judge(
     let pose = &found.target_from_source;
     let mut score = judge_pose(case, simulated, truth, (pose, found.accepted))?;
     score.origin = Some(found.origin);
+    let evidence = evidence(found, transfer);
     score.detail = if truth.present {
+        let true_pose = &truth.vertebra.target_from_source;
+        score.normalized_error = found
+            .covariance
+            .and_then(|c| c.normalized_error_squared(pose, true_pose).ok())
+            .unwrap_or(f64::NAN);
         let (mm, degrees) = (score.translation_mm, score.rotation_rad.to_degrees());
         let breaches = &score.detail;
         format!(
-            "{level} {mm:.3} mm {degrees:.3}° from {}{breaches}{verdict}",
+            "{level} {mm:.3} mm {degrees:.3}° from {}{breaches}{verdict}{evidence}",
             found.origin
         )
     } else {
-        format!("{level} is not there, from {}{verdict}", found.origin)
+        format!(
+            "{level} is not there, from {}{verdict}{evidence}",
+            found.origin
+        )
     };
     Ok(score)
 }

@@ -73,12 +73,14 @@ pub(super) fn origins(scores: &[ScenarioScore]) -> String {
     )
 }
 
-const KINDS: [&str; 5] = [
+const KINDS: [&str; 7] = [
     "functional map",
     "landmark fit",
     "landmark line",
     "neighbour",
     "level shift",
+    "long axis",
+    "small step",
 ];
 const REFUSED: &str = "refused";
 
@@ -89,6 +91,8 @@ fn kind_of(origin: Option<Origin>) -> &'static str {
         Some(Origin::LandmarkLine { .. }) => KINDS[2],
         Some(Origin::Neighbour) => KINDS[3],
         Some(Origin::LevelShift) => KINDS[4],
+        Some(Origin::LongAxis { .. }) => KINDS[5],
+        Some(Origin::Nearby) => KINDS[6],
         None => REFUSED,
     }
 }
@@ -126,6 +130,8 @@ mod tests {
             Origin::LandmarkLine { turn_rad: 1.0 },
             Origin::Neighbour,
             Origin::LevelShift,
+            Origin::LongAxis { turn_rad: 1.0 },
+            Origin::Nearby,
         ];
         assert_eq!(origins.map(|o| kind_of(Some(o))), KINDS, "in their order");
         assert_eq!(kind_of(None), REFUSED, "no pose");

@@ -142,7 +142,7 @@ fn millimetres(x: f64) -> String {
 
 /// Every scenario that was refused, every vertebra that is not both valid and accepted or, where
 /// it is not there, accepted.
-pub(super) fn explanations(scores: &[ScenarioScore]) -> String {
+pub(super) fn explanations(scores: &[ScenarioScore], all: bool) -> String {
     let mut lines = Vec::new();
     for score in scores {
         if let Some(reason) = &score.refusal {
@@ -155,7 +155,7 @@ pub(super) fn explanations(scores: &[ScenarioScore]) -> String {
             } else {
                 !v.accepted
             };
-            if !right {
+            if all || !right {
                 let word = if v.false_accept { "FALSE ACCEPT " } else { "" };
                 let [seen, facing] = [v.posterior_seen, v.facing_seen].map(|x| 100.0 * x);
                 lines.push(format!(

@@ -1,0 +1,154 @@
+//! The verdicts on all vertebrae.
+
+use nalgebra::{Isometry3, Point3};
+use pedicle_registration::PoseCovariance;
+use pedicle_trajectory::{Plan, Trajectory};
+
+use crate::finish::SpineFit;
+use crate::model::SpineModel;
+use crate::search::Found;
+use crate::uncertainty::{uncertainty, worst_of_pose};
+use crate::verdict::{Deviations, Evidence, chain_rejections, rejections};
+use crate::{TrajectoryUncertainty, TransferredTrajectory, VerdictOptions, VertebraTransfer};
+
+/// All that the verdicts rest on.
+pub(crate) struct Conclusion<'a> {
+    pub(crate) model: &'a SpineModel,
+    pub(crate) plan: &'a Plan,
+    pub(crate) landmarks: &'a [Option<Point3<f64>>],
+    pub(crate) found: &'a Found,
+    pub(crate) fit: &'a SpineFit,
+}
+
+impl Conclusion<'_> {
+    /// The results with their verdicts.
+    pub(crate) fn vertebrae(&self, options: &VerdictOptions) -> Vec<VertebraTransfer> {
+        let mut vertebrae: Vec<VertebraTransfer> = (0..self.fit.fits.len())
+            .map(|v| self.judged_alone(v, options))
+            .collect();
+        // The chain binds only vertebrae that are trusted otherwise: one that was not found says
+        // nothing about its neighbours.
+        let trusted: Vec<Option<Isometry3<f64>>> = vertebrae
+            .iter()
+            .map(|v| v.reasons.is_empty().then_some(v.target_from_source))
+            .collect();
+        let centroid = |v: usize| self.model.vertebrae[v].bone.centroid();
+        for (v, vertebra) in vertebrae.iter_mut().enumerate() {
+            for u in [v.checked_sub(1), Some(v + 1)].into_iter().flatten() {
+                let (Some(own), Some(Some(other))) = (&trusted[v], trusted.get(u)) else {
+                    continue;
+                };
+                let neighbour = self.model.vertebrae[u].level;
+                let found = chain_rejections(
+                    (own, &centroid(v)),
+                    (other, &centroid(u)),
+                    neighbour,
+                    options,
+                );
+                vertebra.reasons.extend(found);
+            }
+            vertebra.accepted = vertebra.reasons.is_empty();
+        }
+        vertebrae
+    }
+
+    fn judged_alone(&self, v: usize, options: &VerdictOptions) -> VertebraTransfer {
+        let (vertebra, fit) = (&self.model.vertebrae[v], &self.fit.fits[v]);
+        let pose = fit.target_from_source;
+        let evidence = Evidence {
+            n_points: fit.n_points,
+            posterior_coverage: fit.posterior_coverage,
+            explained_share: fit.explained_share,
+            noise_mm: fit.refinement.as_ref().map_or(f64::NAN, |r| r.noise_mm),
+            others_noise_mm: self.fit.noise_mm,
+            deviations: fit.covariance.map(|c| self.deviations(v, &c)),
+            unexplained_share: self.fit.unexplained_share,
+            level_margin: self.found.level_margin,
+            alternative_margin: self.found.alternative_margins[v],
+            landmark_distance_mm: self.landmarks[v]
+                .map(|landmark| (pose * vertebra.landmark - landmark).norm()),
+            misfit: fit.misfit,
+            seen_through: fit.seen_through,
+            sensor_noise_mm: self.fit.sensor_noise_mm,
+        };
+        VertebraTransfer {
+            level: vertebra.level,
+            accepted: false,
+            reasons: rejections(&evidence, options),
+            target_from_source: pose,
+            residual_mm: fit.refinement.as_ref().map_or(f64::NAN, |r| r.rmse_mm),
+            noise_mm: evidence.noise_mm,
+            n_points: fit.n_points,
+            explained_share: fit.explained_share,
+            coverage: fit.coverage,
+            posterior_coverage: fit.posterior_coverage,
+            alternative_margin: evidence.alternative_margin,
+            landmark_distance_mm: evidence.landmark_distance_mm.unwrap_or(f64::NAN),
+            misfit_mm: fit.misfit.depth_mm(),
+            seen_through: fit.seen_through,
+            origin: self.found.configuration.origins[v],
+            covariance: fit.covariance,
+        }
+    }
+
+    /// The carried trajectories, with the uncertainty of those whose vertebra has a fit.
+    pub(crate) fn trajectories(
+        &self,
+        vertebrae: &[VertebraTransfer],
+    ) -> Vec<TransferredTrajectory> {
+        self.plan
+            .trajectories
+            .iter()
+            .map(|trajectory| {
+                let vertebra = &vertebrae[trajectory.level.index()];
+                TransferredTrajectory {
+                    trajectory: trajectory.transformed(&vertebra.target_from_source),
+                    accepted: vertebra.accepted,
+                    uncertainty: vertebra
+                        .covariance
+                        .map(|covariance| self.uncertainty(trajectory, &covariance)),
+                }
+            })
+            .collect()
+    }
+
+    fn uncertainty(
+        &self,
+        planned: &Trajectory,
+        covariance: &PoseCovariance,
+    ) -> TrajectoryUncertainty {
+        let v = planned.level.index();
+        let vertebra = &self.model.vertebrae[v];
+        let pose = &self.fit.fits[v].target_from_source;
+        let anatomy = (vertebra.anatomy.as_ref(), &vertebra.frame);
+        uncertainty(planned, pose, covariance, anatomy)
+    }
+
+    /// Standard deviations in the worst direction.
+    fn deviations(&self, v: usize, covariance: &PoseCovariance) -> Deviations {
+        let level = self.model.vertebrae[v].level;
+        let (mut screw_mm, mut breach_probability) = (0.0, 0.0);
+        for planned in self.plan.trajectories.iter().filter(|t| t.level == level) {
+            let screw = self.uncertainty(planned, covariance);
+            for deviation in [screw.entry_mm, screw.tip_mm] {
+                screw_mm = larger(screw_mm, deviation);
+            }
+            // Where the pedicle could not be measured, the other limits have to do.
+            if !screw.planned_clearance_mm.is_nan() {
+                breach_probability = larger(breach_probability, screw.breach_probability);
+            }
+        }
+        let (orientation_rad, position_mm) = worst_of_pose(covariance);
+        Deviations {
+            position_mm,
+            orientation_rad,
+            screw_mm,
+            breach_probability,
+        }
+    }
+}
+
+/// The larger of two, NaN if one is.
+fn larger(a: f64, b: f64) -> f64 {
+    if b > a || b.is_nan() { b } else { a }
+}

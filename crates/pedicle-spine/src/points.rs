@@ -1,0 +1,66 @@
+//! Target points with the normals that their neighbours give them.
+
+use nalgebra::{Isometry3, Point3, Vector3};
+use rand::seq::index;
+use rand_chacha::ChaCha8Rng;
+
+/// Least cosine between the normal of a target point and the normal of the bone it lies on: within
+/// 53°, wide enough for noisy normals and rounded edges. Soft tissue lies across the bone as often as
+/// along it.
+const MIN_AGREEMENT: f64 = 0.6;
+
+/// Points of the target, in its frame, mm.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct PointSet {
+    pub(crate) positions: Vec<Point3<f64>>,
+    /// Unit normals; none at all where the points lie too far apart to have any. Towards the camera
+    /// if there is one, else of either sign.
+    pub(crate) normals: Vec<Vector3<f64>>,
+    /// Whether the normals have a sign.
+    pub(crate) is_oriented: bool,
+}
+
+impl PointSet {
+    /// Whether a point may lie on a surface with this normal, given in the target frame.
+    pub(crate) fn agrees(&self, point: usize, normal: &Vector3<f64>) -> bool {
+        let Some(own) = self.normals.get(point) else {
+            return true;
+        };
+        let cosine = own.dot(normal);
+        let cosine = if self.is_oriented {
+            cosine
+        } else {
+            cosine.abs()
+        };
+        cosine >= MIN_AGREEMENT
+    }
+
+    /// The same with the normal in the source frame.
+    pub(crate) fn agrees_in(
+        &self,
+        point: usize,
+        pose: &Isometry3<f64>,
+        normal: &Vector3<f64>,
+    ) -> bool {
+        self.normals.is_empty() || self.agrees(point, &(pose.rotation * normal))
+    }
+
+    /// Some of the points, in their order.
+    pub(crate) fn thinned_out(&self, n: usize, rng: &mut ChaCha8Rng) -> Self {
+        if self.positions.len() <= n {
+            return self.clone();
+        }
+        let mut chosen = index::sample(rng, self.positions.len(), n).into_vec();
+        chosen.sort_unstable();
+        let normals = if self.normals.is_empty() {
+            Vec::new()
+        } else {
+            chosen.iter().map(|&p| self.normals[p]).collect()
+        };
+        Self {
+            positions: chosen.into_iter().map(|p| self.positions[p]).collect(),
+            normals,
+            is_oriented: self.is_oriented,
+        }
+    }
+}
