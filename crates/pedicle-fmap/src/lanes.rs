@@ -144,7 +144,7 @@ impl<T: Scalar> Lanes<T> {
 fn plus<T: Scalar>(a: Row<T>, b: Row<T>) -> Row<T> {
     let mut sum = a;
     for lane in 0..LANES {
-        sum[lane] = sum[lane] + b[lane];
+        sum[lane] += b[lane];
     }
     sum
 }

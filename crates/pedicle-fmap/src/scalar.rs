@@ -11,7 +11,7 @@ pub(crate) trait Scalar:
     RealField
     + Copy
     + PartialOrd
-    + std::ops::Add<Output = Self>
+    + std::ops::AddAssign
     + std::ops::Sub<Output = Self>
     + std::ops::Mul<Output = Self>
 {
