@@ -127,15 +127,12 @@ impl FreeSpace {
         if depth <= 0.0 {
             return None;
         }
-        let mut index = [0; 2];
-        for k in 0..2 {
+        let place = |k: usize| {
             let x = (d.dot(&self.axes[k]) / depth - self.low[k]) / self.cell;
-            if x < 0.0 || x >= self.n[k] as f64 {
-                return None;
-            }
-            index[k] = x as usize;
-        }
-        self.depth[index[1] * self.n[0] + index[0]].map(|measured| measured - depth)
+            (x >= 0.0 && x < self.n[k] as f64).then_some(x as usize)
+        };
+        let (i, j) = (place(0)?, place(1)?);
+        self.depth[j * self.n[0] + i].map(|measured| measured - depth)
     }
 
     /// How much of a bone in a pose the camera saw through.

@@ -128,7 +128,7 @@ impl Transfer {
 /// Carries a plan to a target.
 ///
 /// # Errors
-/// [`SpineError`] if the plan is not of this spine, a landmark is missing, doubled or far off,
+/// [`SpineError`] if the plan is not of this spine, a landmark is doubled or far off,
 /// the target has other units, or its surface cannot be prepared.
 pub fn transfer(
     model: &SpineModel,

@@ -1,7 +1,7 @@
 //! Another patient, landmarks that are missing or wrong, honest covariances.
 
 use pedicle_simulation::{Deformation, Stress, SuiteCell};
-use pedicle_spine::{Origin, Rejection};
+use pedicle_spine::Rejection;
 
 use super::{run, suite_target, verdicts};
 
@@ -47,12 +47,6 @@ fn one_landmark_or_none_is_enough_on_a_whole_spine() {
         if stress == Stress::NoLandmark {
             for v in &found.vertebrae {
                 assert!(v.landmark_distance_mm.is_nan(), "there is none");
-                assert!(
-                    !matches!(v.origin, Origin::LandmarkLine { .. } | Origin::LandmarkFit),
-                    "{} from {}",
-                    v.level,
-                    v.origin
-                );
             }
         }
     }
