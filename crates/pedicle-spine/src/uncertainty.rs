@@ -169,8 +169,8 @@ mod tests {
     #[test]
     fn a_breach_is_certain_without_room_and_impossible_without_doubt() {
         assert!((breach_probability(0.0, 0.3) - 1.0).abs() < 1e-6, "no room");
-        assert!(breach_probability(2.0, 0.0) == 0.0, "no doubt");
-        assert!(breach_probability(-0.1, 0.1) == 1.0, "planned outside");
+        assert!(breach_probability(2.0, 0.0) <= 0.0, "no doubt");
+        assert!(breach_probability(-0.1, 0.1) >= 1.0, "planned outside");
         let (near, far) = (breach_probability(1.0, 0.5), breach_probability(2.0, 0.5));
         assert!(near > far && far > 0.0, "more room, less danger");
     }
