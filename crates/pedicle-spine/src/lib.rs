@@ -60,6 +60,7 @@ mod nearby;
 mod options;
 mod points;
 mod prepare;
+mod rejection;
 mod scoring;
 mod search;
 mod starts;
@@ -78,6 +79,7 @@ pub use hypotheses::Origin;
 pub use map::{MapReport, View};
 pub use model::{MAX_LANDMARK_DISTANCE_MM, MAX_PLAN_DISTANCE_MM, SourceVertebra, SpineModel};
 pub use options::{MapOptions, SearchOptions, TransferOptions, VerdictOptions};
+pub use rejection::Rejection;
 pub use target::{SensorView, Target, TargetChanges, TargetSurface};
 pub use tracker::SpineTracker;
 pub use tracker_state::{LostReason, TrackState, TrackedFrame, TrackedVertebra, TrackerOptions};
@@ -85,4 +87,3 @@ pub use transfer::{
     Stage, Transfer, TransferredTrajectory, VertebraTransfer, transfer, transfer_with_progress,
 };
 pub use uncertainty::TrajectoryUncertainty;
-pub use verdict::Rejection;

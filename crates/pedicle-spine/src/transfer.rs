@@ -15,9 +15,9 @@ use crate::map::{MapReport, map_poses};
 use crate::map_shape::{MapShape, simplified, without_crumbs};
 use crate::model::{SpineModel, given_by_level};
 use crate::prepare::prepare;
+use crate::rejection::Rejection;
 use crate::search::Search;
 use crate::starts::StartScene;
-use crate::verdict::Rejection;
 use crate::{
     MapOptions, Shape, SpineError, Target, TargetChanges, TrajectoryUncertainty, TransferOptions,
 };

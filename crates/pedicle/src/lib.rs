@@ -24,8 +24,8 @@ mod spine_files;
 
 pub use error::Error;
 pub use result_file::{
-    COVARIANCE_ORDER, TargetChangesEntry, TrajectoryEntry, TransferFile, VertebraEntry, write_json,
-    write_text,
+    COVARIANCE_ORDER, TargetChangesEntry, TrajectoryEntry, TransferFile, UncertaintyEntry,
+    VertebraEntry, write_json, write_text,
 };
 pub use shape::VertexPairError;
 pub use spine_files::{landmarks_from_shape, plan_from_shape, read_spine};

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use pedicle_spine::{TargetChanges, Transfer};
+use pedicle_spine::{TargetChanges, TrajectoryUncertainty, Transfer};
 use pedicle_trajectory::{Level, Side};
 use serde::{Deserialize, Serialize};
 
@@ -29,6 +29,9 @@ pub struct TransferFile {
     pub trajectories: Vec<TrajectoryEntry>,
     /// What the preparation of the target had to change.
     pub target_changes: TargetChangesEntry,
+    /// Noise of the sensor along the normals, estimated from the target alone, mm; null where its
+    /// points lie too far apart for that.
+    pub sensor_noise_mm: Option<f64>,
 }
 
 /// What the preparation of the target had to change, as numbers of elements.
@@ -40,6 +43,8 @@ pub struct TargetChangesEntry {
     pub n_vertices_removed: usize,
     /// Faces of crumbs left out of the functional map, not of the registration.
     pub n_faces_not_in_map: usize,
+    /// Points of a cloud or of a camera's mesh removed because they float alone.
+    pub n_points_alone: usize,
 }
 
 impl From<&TargetChanges> for TargetChangesEntry {
@@ -53,6 +58,7 @@ impl From<&TargetChanges> for TargetChangesEntry {
                 + repair.n_removed_zero_area_faces,
             n_vertices_removed: repair.n_removed_vertices,
             n_faces_not_in_map: changes.n_faces_not_in_map,
+            n_points_alone: changes.n_points_alone,
         }
     }
 }
@@ -81,6 +87,10 @@ pub struct VertebraEntry {
     pub n_points: usize,
     /// Share of its posterior surface that the target shows.
     pub posterior_coverage: f64,
+    /// Depth of the bumps by which the shape seen differs from the plan's, mm; null without a fit.
+    pub misfit_mm: Option<f64>,
+    /// Share of the bone's surface towards the camera that it saw through; 0 without a camera.
+    pub seen_through: f64,
     /// Where its pose came from.
     pub origin: String,
 }
@@ -100,11 +110,46 @@ pub struct TrajectoryEntry {
     pub diameter_mm: f64,
     /// Whether the method vouches for its vertebra.
     pub accepted: bool,
+    /// How far it may be off; null without a fit.
+    pub uncertainty: Option<UncertaintyEntry>,
+}
+
+/// How far a trajectory may be off: standard deviations in the worst direction.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct UncertaintyEntry {
+    /// Of the entry, mm.
+    pub entry_std_mm: f64,
+    /// Of the point in the isthmus of the pedicle, mm.
+    pub isthmus_std_mm: f64,
+    /// Of the tip, mm.
+    pub tip_std_mm: f64,
+    /// Least clearance of the planned screw from the cortex, mm, negative if it breaches as
+    /// planned; null where the pedicle could not be measured.
+    pub planned_clearance_mm: Option<f64>,
+    /// Probability that the screw breaches the cortex although the planned one does not; null where
+    /// the clearance is.
+    pub breach_probability: Option<f64>,
+}
+
+impl From<TrajectoryUncertainty> for UncertaintyEntry {
+    fn from(uncertainty: TrajectoryUncertainty) -> Self {
+        Self {
+            entry_std_mm: uncertainty.entry_mm,
+            isthmus_std_mm: uncertainty.isthmus_mm,
+            tip_std_mm: uncertainty.tip_mm,
+            planned_clearance_mm: finite(uncertainty.planned_clearance_mm),
+            breach_probability: finite(uncertainty.breach_probability),
+        }
+    }
+}
+
+/// JSON has no NaN.
+fn finite(x: f64) -> Option<f64> {
+    x.is_finite().then_some(x)
 }
 
 impl From<&Transfer> for TransferFile {
     fn from(transfer: &Transfer) -> Self {
-        let finite = |x: f64| x.is_finite().then_some(x);
         let vertebrae = transfer
             .vertebrae
             .iter()
@@ -121,6 +166,8 @@ impl From<&Transfer> for TransferFile {
                     covariance_center_mm: v.covariance.map(|c| c.center.into()),
                     n_points: v.n_points,
                     posterior_coverage: v.posterior_coverage,
+                    misfit_mm: finite(v.misfit_mm),
+                    seen_through: v.seen_through,
                     origin: v.origin.to_string(),
                 }
             })
@@ -135,6 +182,7 @@ impl From<&Transfer> for TransferFile {
                 tip_mm: t.trajectory.tip_mm.into(),
                 diameter_mm: t.trajectory.diameter_mm,
                 accepted: t.accepted,
+                uncertainty: t.uncertainty.map(UncertaintyEntry::from),
             })
             .collect();
         Self {
@@ -142,6 +190,7 @@ impl From<&Transfer> for TransferFile {
             vertebrae,
             trajectories,
             target_changes: (&transfer.target_changes).into(),
+            sensor_noise_mm: transfer.sensor_noise_mm,
         }
     }
 }

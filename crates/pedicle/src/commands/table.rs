@@ -42,8 +42,18 @@ pub(crate) fn transfer_tables(transfer: &Transfer) -> String {
         "entry mm",
         "tip mm",
         "diameter mm",
+        "± mm",
+        "clear mm",
+        "breach %",
     ]);
     for t in &transfer.trajectories {
+        let [deviation, clearance, breach] = t.uncertainty.map_or([f64::NAN; 3], |u| {
+            [
+                u.isthmus_mm,
+                u.planned_clearance_mm,
+                100.0 * u.breach_probability,
+            ]
+        });
         trajectories.add_row([
             t.trajectory.level.to_string(),
             t.trajectory.side.to_string(),
@@ -51,6 +61,9 @@ pub(crate) fn transfer_tables(transfer: &Transfer) -> String {
             point(&t.trajectory.entry_mm),
             point(&t.trajectory.tip_mm),
             format!("{:.1}", t.trajectory.diameter_mm),
+            format!("{deviation:.2}"),
+            format!("{clearance:.2}"),
+            format!("{breach:.2}"),
         ]);
     }
     let reasons: String = transfer
@@ -71,13 +84,13 @@ pub(crate) fn transfer_tables(transfer: &Transfer) -> String {
 /// A line on what was wrong with the target, if anything was.
 fn changes(transfer: &Transfer) -> String {
     let c = TargetChangesEntry::from(&transfer.target_changes);
-    if c.n_faces_mended + c.n_vertices_removed + c.n_faces_not_in_map == 0 {
+    if c.n_faces_mended + c.n_vertices_removed + c.n_faces_not_in_map + c.n_points_alone == 0 {
         return String::new();
     }
     format!(
         "Target: {} bad faces mended, {} vertices without a face removed, {} faces of loose crumbs \
-         left out of the map.\n",
-        c.n_faces_mended, c.n_vertices_removed, c.n_faces_not_in_map
+         left out of the map, {} points that float alone removed.\n",
+        c.n_faces_mended, c.n_vertices_removed, c.n_faces_not_in_map, c.n_points_alone
     )
 }
 

@@ -4,11 +4,13 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
+use nalgebra::Point3;
 use pedicle_mesh::read_mesh;
 use pedicle_spine::{
-    MapOptions, Shape, SpineError, SpineModel, Target, TransferOptions, transfer_with_progress,
+    MapOptions, SensorView, Shape, SpineError, SpineModel, Target, TransferOptions,
+    transfer_with_progress,
 };
-use pedicle_trajectory::{read_landmarks, read_plan};
+use pedicle_trajectory::{Landmarks, read_landmarks, read_plan};
 
 use super::{exit_code, progress::progress_bar, say, table::transfer_tables};
 use crate::{Error, TransferFile, read_spine, write_json};
@@ -28,15 +30,36 @@ pub(super) struct Arguments {
     /// Top of each spinous process in the frame of the source, .ron or .json.
     #[arg(long, value_name = "FILE")]
     source_landmarks: PathBuf,
-    /// The same points in the frame of the target, to some millimetres.
+    /// The same points in the frame of the target, to some millimetres; those that are missing are
+    /// done without, and without the file the long axis of the target is the start.
     #[arg(long, value_name = "FILE")]
-    target_landmarks: PathBuf,
+    target_landmarks: Option<PathBuf>,
+    /// Centre of the depth camera in the frame of the target, mm: bone that it saw through is
+    /// refused.
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    camera: Option<Point3<f64>>,
     /// Write the result as JSON.
     #[arg(long, value_name = "OUT")]
     json: Option<PathBuf>,
     /// Seed of everything random: the same seed gives the same result.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
+}
+
+/// A point as x,y,z.
+fn point(text: &str) -> Result<Point3<f64>, String> {
+    let numbers: Vec<f64> = text
+        .split(',')
+        .map(|part| {
+            let part = part.trim();
+            let number = part.parse::<f64>().ok().filter(|x| x.is_finite());
+            number.ok_or_else(|| format!("'{part}' is not a finite number"))
+        })
+        .collect::<Result<_, _>>()?;
+    match numbers[..] {
+        [x, y, z] => Ok(Point3::new(x, y, z)),
+        _ => Err(format!("{} numbers given, three needed", numbers.len())),
+    }
 }
 
 /// Steps shown by the progress bar: reading and preparing the source, then the four stages.
@@ -49,10 +72,12 @@ impl Arguments {
         let vertebrae = read_spine(&self.source)?;
         let plan = read_plan(&self.plan)?;
         let source_landmarks = read_landmarks(&self.source_landmarks)?;
-        let target = Target::mesh(
-            read_mesh(&self.target)?.mesh,
-            read_landmarks(&self.target_landmarks)?,
-        );
+        let target_landmarks = match &self.target_landmarks {
+            Some(file) => read_landmarks(file)?,
+            None => Landmarks::default(),
+        };
+        let mut target = Target::mesh(read_mesh(&self.target)?.mesh, target_landmarks);
+        target.view = self.camera.map(|camera_mm| SensorView { camera_mm });
         bar.inc(1);
 
         bar.set_message("preparing the source");
@@ -81,7 +106,10 @@ impl Arguments {
         use SpineError as E;
         let landmarks_of = |shape: &Shape| match shape {
             Shape::Source => self.source_landmarks.display().to_string(),
-            Shape::Target => self.target_landmarks.display().to_string(),
+            Shape::Target => {
+                let file = self.target_landmarks.as_ref().unwrap_or(&self.target);
+                file.display().to_string()
+            }
         };
         let surface_of = |shape: &Shape| match shape {
             Shape::Source => self.source.display().to_string(),

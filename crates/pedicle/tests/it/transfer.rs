@@ -7,7 +7,7 @@ use pedicle::TransferFile;
 use pedicle_mesh::{MeshFormat, TriMesh, WriteOptions, concatenate, write_mesh};
 use pedicle_trajectory::{Level, read_plan, write_plan};
 
-use crate::support::{Scene, simulated, stderr};
+use crate::support::{Scene, pedicle, simulated, stderr};
 
 fn result(scene: &Scene) -> TransferFile {
     let json = scene.folder.path().join("result.json");
@@ -44,6 +44,13 @@ fn the_plan_arrives_where_it_belongs_and_the_json_is_consistent() {
 
     let plan = read_plan(&scene.plan).unwrap();
     for (entry, planned) in found.trajectories.iter().zip(&plan.trajectories) {
+        let doubt = entry.uncertainty.expect("there is a fit");
+        let worst_mm = doubt.entry_std_mm.max(doubt.tip_std_mm);
+        assert!(0.0 < doubt.isthmus_std_mm && worst_mm < 1.0, "{doubt:?}");
+        assert!(
+            doubt.breach_probability.is_some_and(|p| p < 0.005),
+            "accepted: {doubt:?}"
+        );
         assert_eq!(
             (entry.level, entry.side),
             (planned.level, planned.side),
@@ -158,6 +165,36 @@ fn zero_area_faces_unreferenced_vertices_and_fins_are_survived() {
     scene.target = scene.mesh("dirty.ply", &dirty);
     let worst = worst_error_mm(&scene, &result(&scene));
     assert!(worst < 1.0, "a screw is {worst} mm off");
+}
+
+#[test]
+fn landmarks_on_the_target_are_not_needed_and_a_camera_has_three_coordinates() {
+    let scene = Scene::new();
+    let json = scene.folder.path().join("result.json");
+    let transfer = |more: [&str; 2]| {
+        let files = [
+            ("--source", &scene.source),
+            ("--plan", &scene.plan),
+            ("--source-landmarks", &scene.source_landmarks),
+            ("--target", &scene.target),
+        ];
+        let mut arguments = vec!["transfer"];
+        for (name, file) in files {
+            arguments.extend([name, file.to_str().unwrap()]);
+        }
+        arguments.extend(more);
+        pedicle(&arguments)
+    };
+    let output = transfer(["--json", json.to_str().unwrap()]);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let found = serde_json::from_str(&fs::read_to_string(json).unwrap()).unwrap();
+    let worst = worst_error_mm(&scene, &found);
+    assert!(worst < 1.0, "a screw is {worst} mm off");
+    for (camera, words) in [("1,2", "2 numbers"), ("1,2,far", "'far'")] {
+        let output = transfer(["--camera", camera]);
+        assert_eq!(output.status.code(), Some(2), "{camera}");
+        assert!(stderr(&output).contains(words), "{}", stderr(&output));
+    }
 }
 
 #[test]

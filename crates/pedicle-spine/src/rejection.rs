@@ -1,0 +1,194 @@
+//! The reasons not to vouch for a vertebra, in words that a user can act on.
+
+use pedicle_trajectory::Level;
+
+/// One reason not to vouch for a vertebra. Its text is a sentence for the user.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+#[allow(
+    missing_docs,
+    reason = "fields are the numbers of the sentence of the variant"
+)]
+pub enum Rejection {
+    /// Nothing could be fitted.
+    NoFit { n_points: usize },
+    /// Too few target points lie on the vertebra.
+    TooFewPoints { n_points: usize, min: usize },
+    /// Too little of its posterior surface is seen.
+    TooLittleSeen { share: f64, min: f64 },
+    /// Too many of its points do not lie on its surface.
+    PoorFit { explained_share: f64, min: f64 },
+    /// The target is too noisy.
+    Noisy { noise_mm: f64, max_mm: f64 },
+    /// The surface seen does not fix its position.
+    PositionUncertain { std_mm: f64, max_mm: f64 },
+    /// The surface seen does not fix its orientation.
+    OrientationUncertain { std_rad: f64, max_rad: f64 },
+    /// Another pose explains the target nearly as well.
+    Ambiguous { margin: f64, min: f64 },
+    /// The surface seen does not fix where a planned screw goes.
+    ScrewUncertain { std_mm: f64, max_mm: f64 },
+    /// A planned screw has too little room for this uncertainty.
+    BreachLikely { probability: f64, max: f64 },
+    /// Its points are noisier than those of the other vertebrae: it may be another vertebra.
+    NoisierThanOthers { noise_mm: f64, others_mm: f64 },
+    /// Its points lie farther from its surface than the sensor errs: some of them are not bone.
+    NoisierThanSensor { noise_mm: f64, sensor_mm: f64 },
+    /// A part of the target belongs to no vertebra: the levels may be shifted.
+    UnexplainedSurface { share: f64, max: f64 },
+    /// With all levels shifted by one the target is explained as well.
+    LevelAmbiguous { margin: f64, min: f64 },
+    /// It is nearer to or farther from its neighbour than a spine allows.
+    SpacedWrongly {
+        neighbour: Level,
+        distance_mm: f64,
+        expected_mm: f64,
+    },
+    /// It is turned against its neighbour farther than a spine allows.
+    TurnedAgainstNeighbour {
+        neighbour: Level,
+        turn_rad: f64,
+        max_rad: f64,
+    },
+    /// Neighbouring points are off in the same direction: the bone has another shape.
+    ShapeDiffers { misfit_mm: f64, patch_mm: f64 },
+    /// The camera saw through where the bone would be.
+    SeenThrough { share: f64, max: f64 },
+    /// It lies far from where the user put its landmark.
+    FarFromLandmark { distance_mm: f64, max_mm: f64 },
+}
+
+impl std::fmt::Display for Rejection {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::NoFit { n_points } => {
+                write!(
+                    f,
+                    "no fit was possible: {n_points} target points near the vertebra"
+                )
+            }
+            Self::TooFewPoints { n_points, min } => {
+                write!(
+                    f,
+                    "too few target points on the vertebra ({n_points}, at least {min} needed)"
+                )
+            }
+            Self::TooLittleSeen { share, min } => write!(
+                f,
+                "too little surface seen ({:.0} % of the posterior side, at least {:.0} % needed)",
+                100.0 * share,
+                100.0 * min
+            ),
+            Self::PoorFit {
+                explained_share,
+                min,
+            } => write!(
+                f,
+                "the surface does not fit ({:.0} % of the points explained, at least {:.0} % needed)",
+                100.0 * explained_share,
+                100.0 * min
+            ),
+            Self::Noisy { noise_mm, max_mm } => {
+                write!(
+                    f,
+                    "the target is too noisy ({noise_mm:.2} mm, at most {max_mm:.2} mm)"
+                )
+            }
+            Self::PositionUncertain { std_mm, max_mm } => write!(
+                f,
+                "the surface seen does not fix the position (± {std_mm:.2} mm, at most {max_mm:.2} mm)"
+            ),
+            Self::OrientationUncertain { std_rad, max_rad } => write!(
+                f,
+                "the surface seen does not fix the orientation (± {:.1}°, at most {:.1}°)",
+                std_rad.to_degrees(),
+                max_rad.to_degrees()
+            ),
+            Self::Ambiguous { margin, min } => write!(
+                f,
+                "another pose fits nearly as well ({:.0} % worse, at least {:.0} % needed)",
+                100.0 * margin,
+                100.0 * min
+            ),
+            Self::ScrewUncertain { std_mm, max_mm } => write!(
+                f,
+                "the surface seen does not fix where a screw goes (± {std_mm:.2} mm, at most {max_mm:.2} mm)"
+            ),
+            Self::BreachLikely { probability, max } => write!(
+                f,
+                "a planned screw breaches the cortex with a probability of {:.1} % (at most {:.1} %)",
+                100.0 * probability,
+                100.0 * max
+            ),
+            Self::NoisierThanOthers {
+                noise_mm,
+                others_mm,
+            } => write!(
+                f,
+                "its points are noisier than those of the other vertebrae ({noise_mm:.2} mm against \
+                 {others_mm:.2} mm): it may be another vertebra"
+            ),
+            Self::NoisierThanSensor {
+                noise_mm,
+                sensor_mm,
+            } => write!(
+                f,
+                "its points lie {noise_mm:.2} mm off its surface, but the sensor errs by {sensor_mm:.2} mm \
+                 only: soft tissue may have been taken for bone"
+            ),
+            Self::UnexplainedSurface { share, max } => write!(
+                f,
+                "{:.0} % of the target belong to no vertebra of the plan (at most {:.0} %): check the \
+                 levels of the landmarks",
+                100.0 * share,
+                100.0 * max
+            ),
+            Self::LevelAmbiguous { margin, min } => write!(
+                f,
+                "all levels shifted by one fit nearly as well ({:.0} % worse, at least {:.0} % needed): \
+                 check the levels of the landmarks",
+                100.0 * margin,
+                100.0 * min
+            ),
+            Self::SpacedWrongly {
+                neighbour,
+                distance_mm,
+                expected_mm,
+            } => write!(
+                f,
+                "{distance_mm:.0} mm from {neighbour}, in the plan {expected_mm:.0} mm"
+            ),
+            Self::TurnedAgainstNeighbour {
+                neighbour,
+                turn_rad,
+                max_rad,
+            } => write!(
+                f,
+                "turned by {:.0}° against {neighbour} compared with the plan (at most {:.0}°)",
+                turn_rad.to_degrees(),
+                max_rad.to_degrees()
+            ),
+            Self::ShapeDiffers {
+                misfit_mm,
+                patch_mm,
+            } => write!(
+                f,
+                "the shape differs from the plan's by {misfit_mm:.2} mm over patches of {patch_mm:.0} mm: \
+                 is this the right patient and level, and is it bare bone?"
+            ),
+            Self::SeenThrough { share, max } => write!(
+                f,
+                "the camera saw through {:.0} % of where the bone would be (at most {:.0} %)",
+                100.0 * share,
+                100.0 * max
+            ),
+            Self::FarFromLandmark {
+                distance_mm,
+                max_mm,
+            } => write!(
+                f,
+                "{distance_mm:.1} mm from its landmark (at most {max_mm:.0} mm): check the landmarks"
+            ),
+        }
+    }
+}
