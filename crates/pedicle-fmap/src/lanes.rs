@@ -17,8 +17,10 @@ pub(crate) const LANES: usize = 8;
 pub(crate) const ROWS_PER_BATCH: usize = 32;
 /// Leaves in a batch.
 const LEAVES_PER_BATCH: usize = ROWS_PER_BATCH / LANES;
-/// Coordinates between two looks at whether the sums are enough; even.
+/// Coordinates between two looks at whether the sums are enough; a multiple of `CHAINS`.
 const CHECK_EVERY: usize = 16;
+/// Sums that grow side by side.
+const CHAINS: usize = 4;
 
 /// One number of each of eight rows.
 pub(crate) type Row<T> = [T; LANES];
@@ -121,24 +123,39 @@ impl<T: Scalar> Lanes<T> {
     pub(crate) fn squared_distances(&self, leaf: usize, query: &[T], enough: f64) -> Row<T> {
         let first = self.place(leaf, 0);
         let rows = &self.values[first..first + (query.len() - 1) * LEAVES_PER_BATCH + 1];
-        // Two sums, so that one addition need not wait for the other.
-        let (mut even, mut odd) = ([T::ZERO; LANES], [T::ZERO; LANES]);
+        // Four sums, so that one addition need not wait for the others.
+        let mut sums = [[T::ZERO; LANES]; CHAINS];
         let rows = rows.chunks(CHECK_EVERY * LEAVES_PER_BATCH);
         for (rows, query) in rows.zip(query.chunks(CHECK_EVERY)) {
-            let pairs = rows.chunks(2 * LEAVES_PER_BATCH).zip(query.chunks(2));
-            for (row, q) in pairs {
-                even = plus_squares(even, row[0], q[0]);
-                if let (Some(row), Some(q)) = (row.get(LEAVES_PER_BATCH), q.get(1)) {
-                    odd = plus_squares(odd, *row, *q);
-                }
+            let [mut a, mut b, mut c, mut d] = sums;
+            let mut quads = query.chunks_exact(CHAINS);
+            let mut place = 0;
+            for q in &mut quads {
+                let row = &rows[place..place + 3 * LEAVES_PER_BATCH + 1];
+                a = plus_squares(a, row[0], q[0]);
+                b = plus_squares(b, row[LEAVES_PER_BATCH], q[1]);
+                c = plus_squares(c, row[2 * LEAVES_PER_BATCH], q[2]);
+                d = plus_squares(d, row[3 * LEAVES_PER_BATCH], q[3]);
+                place += CHAINS * LEAVES_PER_BATCH;
             }
-            if smallest_of(&plus(even, odd)).wide() > enough {
+            for q in quads.remainder() {
+                a = plus_squares(a, rows[place], *q);
+                place += LEAVES_PER_BATCH;
+            }
+            sums = [a, b, c, d];
+            if smallest_of(&sum_of(&sums)).wide() > enough {
                 break;
             }
         }
-        plus(even, odd)
+        sum_of(&sums)
     }
 }
+
+#[inline(always)]
+fn sum_of<T: Scalar>(sums: &[Row<T>; CHAINS]) -> Row<T> {
+    plus(plus(sums[0], sums[1]), plus(sums[2], sums[3]))
+}
+
 
 #[inline(always)]
 fn plus<T: Scalar>(a: Row<T>, b: Row<T>) -> Row<T> {

@@ -126,8 +126,10 @@ impl<T: Scalar> pulp::WithSimd for Batch<'_, T> {
             };
             best.measure(tree, leaf, query, 1.0);
             // In a whole search they only help to see sooner what need not be measured.
-            for &leaf in &known[i].near {
-                best.measure(tree, leaf as usize, query, 1.0);
+            for near in &known[i].near {
+                if *near as usize != leaf {
+                    best.measure(tree, *near as usize, query, 1.0);
+                }
             }
         }
         match search {

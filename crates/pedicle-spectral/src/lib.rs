@@ -45,6 +45,7 @@ mod error;
 mod factor;
 mod lanczos;
 mod lanes;
+mod narrow;
 mod options;
 mod orthogonalize;
 mod panels;

@@ -11,10 +11,12 @@
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatMut, MatRef, Par};
 
+use crate::lanes::{LANES, as_slice, as_slice_mut};
+use crate::narrow::{AddProducts, Row, SubtractCombinations};
 use crate::parallel::{CHUNK_ROWS, chunks, chunks_mut, map};
 
 /// Columns of a panel.
-const WIDTH: usize = 32;
+pub(crate) const WIDTH: usize = 32;
 /// Numbers of V that are worked on at a time: 4 MB.
 const NUMBERS_IN_CACHE: usize = 1 << 19;
 
@@ -22,7 +24,8 @@ const NUMBERS_IN_CACHE: usize = 1 << 19;
 pub(crate) struct Panels {
     n_rows: usize,
     n_columns: usize,
-    panels: Vec<Mat<f64>>,
+    /// One entry a row.
+    panels: Vec<Vec<[f64; WIDTH]>>,
 }
 
 /// The part of one panel that belongs to a range of columns.
@@ -31,6 +34,14 @@ struct Part<'a> {
     first: usize,
     /// Columns × rows.
     rows: MatRef<'a, f64>,
+    /// The whole panel, and the first of its columns that is meant.
+    panel: (&'a [[f64; WIDTH]], usize),
+}
+
+impl Part<'_> {
+    fn len(&self) -> usize {
+        self.rows.nrows()
+    }
 }
 
 impl Panels {
@@ -57,7 +68,7 @@ impl Panels {
     pub(crate) fn columns(&self, start: usize) -> Mat<f64> {
         let mut columns = Mat::<f64>::zeros(self.n_rows, self.n_columns - start);
         for part in self.parts(start) {
-            let target = columns.as_mut().subcols_mut(part.first, part.rows.nrows());
+            let target = columns.as_mut().subcols_mut(part.first, part.len());
             target.transpose_mut().copy_from(part.rows);
         }
         columns
@@ -75,12 +86,14 @@ impl Panels {
         while done < block.nrows() {
             let used = self.n_columns % WIDTH;
             if used == 0 {
-                self.panels.push(Mat::zeros(WIDTH, self.n_rows));
+                self.panels.push(vec![[0.0; WIDTH]; self.n_rows]);
             }
             let count = (WIDTH - used).min(block.nrows() - done);
             if let Some(panel) = self.panels.last_mut() {
-                let target = panel.as_mut().subrows_mut(used, count);
-                copy(block.subrows(done, count), target);
+                for (i, row) in panel.iter_mut().enumerate() {
+                    let from = &as_slice(block, i)[done..done + count];
+                    row[used..used + count].copy_from_slice(from);
+                }
             }
             done += count;
             self.n_columns += count;
@@ -99,9 +112,13 @@ impl Panels {
         while column < self.n_columns {
             let used = column % WIDTH;
             let count = (WIDTH - used).min(self.n_columns - column);
+            let panel = &self.panels[column / WIDTH];
+            let values = panel.as_flattened();
+            let rows = MatRef::from_column_major_slice(values, WIDTH, self.n_rows);
             parts.push(Part {
                 first: column - start,
-                rows: self.panels[column / WIDTH].as_ref().subrows(used, count),
+                rows: rows.subrows(used, count),
+                panel: (panel, used),
             });
             column += count;
         }
@@ -126,9 +143,22 @@ impl Panels {
             0 if panel_numbers > 2 * NUMBERS_IN_CACHE => usize::MAX,
             count => count.max(1),
         };
-        for group in parts.chunks(at_once.min(parts.len().max(1))) {
-            self.multiply(group, block.as_ref(), coefficients.as_mut());
-            subtract(group, coefficients.as_ref(), block.as_mut());
+        let groups = parts.chunks(at_once.min(parts.len().max(1)));
+        if b == LANES {
+            let rows = 0..self.n_rows;
+            let mut eight: Vec<Row> = rows.clone().map(|i| eight(block.as_ref(), i)).collect();
+            for group in groups {
+                multiply_eight(group, &eight, coefficients.as_mut());
+                subtract_eight(group, coefficients.as_ref(), &mut eight);
+            }
+            for (i, row) in rows.zip(&eight) {
+                as_slice_mut(block.as_mut(), i).copy_from_slice(row);
+            }
+        } else {
+            for group in groups {
+                self.multiply(group, block.as_ref(), coefficients.as_mut());
+                subtract(group, coefficients.as_ref(), block.as_mut());
+            }
         }
         let gram = self.gram(block.as_ref());
         (coefficients, gram)
@@ -138,13 +168,13 @@ impl Panels {
     fn multiply(&self, group: &[Part<'_>], block: MatRef<'_, f64>, mut result: MatMut<'_, f64>) {
         let b = block.nrows();
         let first_column = group.first().map_or(0, |part| part.first);
-        let m = group.iter().map(|part| part.rows.nrows()).sum();
+        let m = group.iter().map(|part| part.len()).sum();
         let partial = map(chunks(self.n_rows), |_, (first, count)| {
             let mut sums = Mat::<f64>::zeros(m, b);
             let some = block.subcols(first, count).transpose();
             for part in group {
                 let row = part.first - first_column;
-                let target = sums.as_mut().subrows_mut(row, part.rows.nrows());
+                let target = sums.as_mut().subrows_mut(row, part.len());
                 let rows = part.rows.subcols(first, count);
                 matmul(target, Accum::Replace, rows, some, 1.0, Par::Seq);
             }
@@ -185,7 +215,7 @@ impl Panels {
         map(chunks_mut(result), |i, mut some| {
             let (first, count) = (i * CHUNK_ROWS, some.ncols());
             for part in &parts {
-                let c = coefficients.subrows(part.first, part.rows.nrows());
+                let c = coefficients.subrows(part.first, part.len());
                 let rows = part.rows.subcols(first, count);
                 matmul(
                     some.as_mut(),
@@ -205,12 +235,64 @@ fn subtract(group: &[Part<'_>], coefficients: MatRef<'_, f64>, block: MatMut<'_,
     map(chunks_mut(block), |i, mut some| {
         let (first, count) = (i * CHUNK_ROWS, some.ncols());
         for part in group {
-            let c = coefficients.subrows(part.first, part.rows.nrows());
+            let c = coefficients.subrows(part.first, part.len());
             let rows = part.rows.subcols(first, count);
             let target = some.as_mut();
             matmul(target, Accum::Add, c.transpose(), rows, -1.0, Par::Seq);
         }
     });
+}
+
+/// VᵀU for some of the panels and eight vectors.
+fn multiply_eight(group: &[Part<'_>], block: &[Row], mut result: MatMut<'_, f64>) {
+    let arch = pulp::Arch::new();
+    let first_column = group.first().map_or(0, |part| part.first);
+    let m = group.iter().map(Part::len).sum();
+    let partial = map(chunks(block.len()), |_, (first, count)| {
+        let rows = first..first + count;
+        let mut sums = vec![[0.0; LANES]; m];
+        for part in group {
+            let begin = part.first - first_column;
+            arch.dispatch(AddProducts {
+                panel: &part.panel.0[rows.clone()],
+                first_column: part.panel.1,
+                block: &block[rows.clone()],
+                sums: &mut sums[begin..begin + part.len()],
+            });
+        }
+        Mat::from_fn(m, LANES, |i, j| sums[i][j])
+    });
+    let mut target = result.as_mut().subrows_mut(first_column, m);
+    target.copy_from(sum(partial, m, LANES));
+}
+
+/// U ← U - V C for some of the panels and eight vectors.
+fn subtract_eight(group: &[Part<'_>], coefficients: MatRef<'_, f64>, block: &mut [Row]) {
+    let arch = pulp::Arch::new();
+    let first_column = group.first().map_or(0, |part| part.first);
+    let m: usize = group.iter().map(Part::len).sum();
+    let coefficients: Vec<Row> = (first_column..first_column + m)
+        .map(|i| std::array::from_fn(|j| coefficients[(i, j)]))
+        .collect();
+    let tasks: Vec<&mut [Row]> = block.chunks_mut(CHUNK_ROWS).collect();
+    map(tasks, |i, block| {
+        let rows = i * CHUNK_ROWS..i * CHUNK_ROWS + block.len();
+        for part in group {
+            let begin = part.first - first_column;
+            arch.dispatch(SubtractCombinations {
+                panel: &part.panel.0[rows.clone()],
+                first_column: part.panel.1,
+                coefficients: &coefficients[begin..begin + part.len()],
+                block,
+            });
+        }
+    });
+}
+
+/// Column `i` of a block of eight.
+fn eight(block: MatRef<'_, f64>, i: usize) -> Row {
+    let column = &as_slice(block, i)[..LANES];
+    std::array::from_fn(|lane| column[lane])
 }
 
 /// The partial results in their order.
@@ -222,12 +304,4 @@ fn sum(partial: Vec<Mat<f64>>, n_rows: usize, n_columns: usize) -> Mat<f64> {
         sum += &more;
     }
     sum
-}
-
-/// Copies rows that are side by side in memory.
-fn copy(source: MatRef<'_, f64>, mut target: MatMut<'_, f64>) {
-    for i in 0..source.ncols() {
-        let from = crate::lanes::as_slice(source, i);
-        crate::lanes::as_slice_mut(target.as_mut(), i).copy_from_slice(from);
-    }
 }
