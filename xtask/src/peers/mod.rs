@@ -46,6 +46,10 @@ pub(crate) struct Arguments {
     /// Runs of each program; the stages that take minutes are run less often on large meshes.
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u16).range(1..))]
     repeats: u16,
+    /// Runs of the stages that take minutes on large meshes; by default all on small meshes, three
+    /// up to 8 000 vertices, one beyond.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    slow_repeats: Option<u16>,
     /// Seed of the pairs.
     #[arg(long, value_name = "N", default_value_t = 20_260_101)]
     seed: u64,
@@ -129,7 +133,10 @@ impl Arguments {
         python: &Path,
         report: &mut Report,
     ) -> Result<Series, XtaskError> {
-        let n_slow = slow_repeats(pair.source.n_vertices(), self.repeats.into());
+        let n_slow = match self.slow_repeats {
+            Some(asked) => asked.min(self.repeats).into(),
+            None => slow_repeats(pair.source.n_vertices(), self.repeats.into()),
+        };
         let programs = [Program::Pedicle, Program::Pyfmaps, Program::Scipy];
         let mut runs: BTreeMap<Program, Vec<Run>> = BTreeMap::new();
         let bar = progress_bar(3 * usize::from(self.repeats));
