@@ -1,7 +1,15 @@
 "use strict";
 // The buttons, lists and sliders beside the picture, and the pointer and keys on it.
+// Name, what it means, yaw and pitch in degrees.
 const DIRECTIONS = {
-  Posterior: [180, 0], AP: [0, 0], Left: [90, 0], Right: [-90, 0], Axial: [0, -90], Oblique: [205, 28],
+  anatomy: [
+    ["Posterior", "from behind", 180, 0], ["AP", "from the front", 0, 0], ["Left lateral", "from the patient's left", 90, 0],
+    ["Right lateral", "from the patient's right", -90, 0], ["Axial", "from below", 0, -90], ["Oblique", "from behind and above", 205, 28],
+  ],
+  shapes: [
+    ["Front", "along z", 0, 0], ["Back", "against z", 180, 0], ["Right", "along x", 90, 0],
+    ["Left", "against x", -90, 0], ["Top", "along y", 0, 90], ["Oblique", "from above", 30, 20],
+  ],
 };
 
 class Controls {
@@ -31,9 +39,10 @@ class Controls {
   }
 
   directions() {
-    const { viewer } = this, names = { AP: "From the front", Left: "From the patient's left", Right: "From the patient's right", Axial: "From below", Posterior: "From behind", Oblique: "From behind and above" };
-    this.directionButtons = Object.keys(DIRECTIONS).map((name) =>
-      this.button(this.find("directions"), name, () => viewer.look(...DIRECTIONS[name]), `${name}: ${names[name]}`));
+    const { viewer } = this;
+    this.standard = DIRECTIONS[viewer.scene.kind];
+    this.directionButtons = this.standard.map(([name, meaning, yaw, pitch]) =>
+      this.button(this.find("directions"), name, () => viewer.look(yaw, pitch), `${name}, ${meaning}`));
     this.find("zoom-in").addEventListener("click", () => viewer.zoom(1.25));
     this.find("zoom-out").addEventListener("click", () => viewer.zoom(0.8));
     this.find("reset").addEventListener("click", () => viewer.reset());
@@ -43,7 +52,7 @@ class Controls {
   /** Marks the standard view that is looked from, if it is one. */
   markDirection({ yaw, pitch }) {
     const isAt = (a, b) => Math.abs((((a - b) % 360) + 540) % 360 - 180) < 0.5;
-    Object.values(DIRECTIONS).forEach(([y, p], k) => {
+    this.standard.forEach(([, , y, p], k) => {
       this.directionButtons[k].setAttribute("aria-pressed", isAt(yaw, y) && Math.abs(pitch - p) < 0.5);
     });
   }
@@ -59,6 +68,8 @@ class Controls {
     const { viewer } = this, { scene } = viewer;
     this.options("layout", scene.layouts.map((l) => l.name), (k) => viewer.set({ layout: k }));
     this.options("layer", ["plain", ...scene.layers.map((l) => l.name)], (k) => viewer.chooseLayer(k - 1));
+    this.find("layer").value = viewer.state.layer + 1;
+    this.find("opacity").value = viewer.state.opacity;
     this.find("opacity").addEventListener("input", (event) => viewer.set({ opacity: Number(event.target.value) }));
   }
 

@@ -3,6 +3,7 @@
 const BONE = [226, 214, 186], CUT = [196, 150, 118];
 const SCREW_COLORS = { planned: [20, 104, 200], truth: [20, 104, 200], transferred: [214, 44, 32] };
 const SIDES = 40;
+const START = { anatomy: { yaw: 205, pitch: 28, zoom: 1, pan: [0, 0] }, shapes: { yaw: 30, pitch: 20, zoom: 1, pan: [0, 0] } };
 
 class Viewer {
   constructor(scene, canvas) {
@@ -13,7 +14,7 @@ class Viewer {
     this.structures = [...new Set(scene.parts.map((p) => p.name))];
     const all = (names, value) => Object.fromEntries(names.map((name) => [name, value]));
     this.state = {
-      layout: 0, layer: -1, opacity: 0.55, hasSurfaces: true, yaw: 205, pitch: 28, zoom: 1, pan: [0, 0],
+      layout: 0, layer: -1, opacity: scene.screws.length > 0 ? 0.5 : 1, hasSurfaces: true, ...START[scene.kind],
       roles: { planned: true, truth: true, transferred: true },
       groups: Object.fromEntries(this.groups.map((g) => [g, scene.parts.find((p) => p.group === g).shown])),
       structures: all(this.structures, true), opacities: all(this.structures, 1),
@@ -105,7 +106,7 @@ class Viewer {
     const scale = this.millimetresPerPixel();
     this.set({ pan: [this.state.pan[0] + dx * scale, this.state.pan[1] - dy * scale] });
   }
-  reset() { this.set({ yaw: 205, pitch: 28, zoom: 1, pan: [0, 0] }); }
+  reset() { this.set({ ...START[this.scene.kind], pan: [0, 0] }); }
 
   chooseLayer(layer) {
     this.state.layer = layer;
@@ -264,9 +265,10 @@ class Viewer {
       title.className = "title";
       title.textContent = column.title;
       scale.className = "scale";
-      scale.textContent = `${bar} ${this.scene.unit || "mm"}`;
+      scale.textContent = `${bar} mm`;
       scale.style.width = `${bar / perPixel}px`;
-      box.append(title, scale);
+      box.append(title);
+      if (this.scene.kind === "anatomy") box.append(scale);
       return box;
     }));
   }
@@ -284,6 +286,7 @@ const IDENTITY = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
   if (data) {
     try {
       const viewer = new Viewer(JSON.parse(data.textContent), document.getElementById("canvas"));
+      if (viewer.scene.first_layer !== null) viewer.chooseLayer(viewer.scene.first_layer);
       viewer.controls = new Controls(viewer);
       viewer.draw();
       window.viewer = viewer;

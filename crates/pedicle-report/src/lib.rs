@@ -45,7 +45,8 @@ pub use block::{Block, Card, Figure, Section, Tone};
 pub use page::{Fact, Page};
 pub use palette::{ColorScale, correspondence_colors};
 pub use scene::{
-    Axes, Coloring, Column, Geometry, Layer, Layout, Panel, Part, Role, Scene, Screw, VertexColors,
+    Axes, Coloring, Column, Geometry, Layer, Layout, Panel, Part, Role, Scene, SceneKind, Screw,
+    VertexColors,
 };
 pub use screw_card::{Deviation, ScrewReport, screw_section};
 pub use table::Table;

@@ -8,6 +8,8 @@ use crate::ColorScale;
 /// The whole view.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Scene {
+    /// What is looked at.
+    pub kind: SceneKind,
     /// Frames that are looked at, such as source and target.
     pub panels: Vec<Panel>,
     /// Surfaces, each stored once.
@@ -16,10 +18,23 @@ pub struct Scene {
     pub parts: Vec<Part>,
     /// Screws in their places.
     pub screws: Vec<Screw>,
-    /// Ways to colour the surfaces, the first one chosen; "plain" is always there before them.
+    /// Ways to colour the surfaces; "plain" is always there before them.
     pub layers: Vec<Layer>,
+    /// Index of the layer shown at first; plain if `None`.
+    pub first_layer: Option<usize>,
     /// Arrangements of the panels, the first one chosen.
     pub layouts: Vec<Layout>,
+}
+
+/// What a scene shows: names of the standard views follow from it.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SceneKind {
+    /// A patient, in millimetres: posterior, AP, lateral, axial.
+    #[default]
+    Anatomy,
+    /// Any shapes, in whatever unit: front, back, left, right, below.
+    Shapes,
 }
 
 /// A frame with the anatomical directions in it.

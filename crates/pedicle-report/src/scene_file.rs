@@ -73,7 +73,7 @@ impl Scene {
                 json!({"name": l.name, "columns": columns})
             })
             .collect();
-        json!({"panels": panels, "geometries": geometries, "parts": parts, "screws": screws,
+        json!({"kind": self.kind, "first_layer": self.first_layer, "panels": panels, "geometries": geometries, "parts": parts, "screws": screws,
             "layers": layers, "layouts": layouts})
         .to_string()
     }
