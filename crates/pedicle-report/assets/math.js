@@ -25,7 +25,7 @@ const math = {
   place: (m, p) => [0, 1, 2].map((r) => m[r] * p[0] + m[4 + r] * p[1] + m[8 + r] * p[2] + m[12 + r]),
 
   /** Base64 to bytes. */
-  bytes: (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)),
+  bytes: (text) => Uint8Array.fromBase64 ? Uint8Array.fromBase64(text) : Uint8Array.from(atob(text), (c) => c.charCodeAt(0)),
 
   /** Positions of 16 bits to numbers. */
   positions({ low, step, data }) {

@@ -2,12 +2,12 @@
 // Surfaces and screws drawn with WebGL2: opaque screws, then the front layer of the bone over them.
 const VERTEX_SHADER = `#version 300 es
 in vec3 position; in vec3 normal; in vec3 color; in float along;
-uniform mat4 panelFromModel, clipFromPanel;
+uniform mat4 panelFromModel, clipFromPanel; uniform mat3 eyeFromPanel;
 out vec3 vNormal, vColor, vPanel; out float vAlong;
 void main() {
   vec4 p = panelFromModel * vec4(position, 1.0);
   vPanel = p.xyz;
-  vNormal = mat3(clipFromPanel) * mat3(panelFromModel) * normal;
+  vNormal = eyeFromPanel * mat3(panelFromModel) * normal;
   vColor = color;
   vAlong = along;
   gl_Position = clipFromPanel * p;
@@ -16,20 +16,19 @@ const FRAGMENT_SHADER = `#version 300 es
 precision highp float;
 in vec3 vNormal, vColor, vPanel; in float vAlong;
 uniform vec4 cut;           // panel frame: kept where dot(cut.xyz, p) <= cut.w
-uniform vec3 stretch;       // undoes the scale of the clip space for normals
 uniform vec3 cutColor;
-uniform float opacity, hasCut, stripes, shade;
+uniform float opacity, hasCut, stripes, onlyDepth;
 out vec4 fragment;
 void main() {
   if (hasCut > 0.5 && dot(cut.xyz, vPanel) > cut.w) discard;
-  vec3 n = normalize(vNormal * stretch);
+  if (onlyDepth > 0.5) { fragment = vec4(0.0); return; }
+  vec3 n = normalize(vNormal);
   if (!gl_FrontFacing && hasCut > 0.5) { fragment = vec4(cutColor, 1.0); return; }
   if (!gl_FrontFacing) n = -n;
   float key = max(dot(n, normalize(vec3(-0.35, 0.55, 0.85))), 0.0);
   float fill = max(dot(n, normalize(vec3(0.7, -0.2, 0.45))), 0.0);
-  float rim = pow(1.0 - abs(n.z), 3.0);
+  float edge = 1.0 - abs(n.z), rim = edge * edge * edge;
   vec3 c = vColor * (0.34 + 0.62 * key + 0.18 * fill);
-  c += shade * vec3(0.10) * pow(max(dot(n, normalize(vec3(-0.2, 0.35, 1.0))), 0.0), 40.0);
   if (stripes > 0.5 && mod(vAlong, 4.0) < 1.6) c *= 0.25;
   fragment = vec4(c, min(1.0, opacity + (1.0 - opacity) * 0.55 * rim));
 }`;
@@ -37,7 +36,7 @@ void main() {
 class Renderer {
   constructor(canvas) {
     this.canvas = canvas;
-    const gl = canvas.getContext("webgl2", { antialias: true, alpha: true, premultipliedAlpha: false });
+    const gl = canvas.getContext("webgl2", { antialias: false, alpha: true, premultipliedAlpha: false });
     if (!gl) throw new Error("no WebGL2");
     this.gl = gl;
     const program = gl.createProgram();
@@ -52,7 +51,7 @@ class Renderer {
     if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program));
     gl.useProgram(program);
     this.uniforms = {};
-    for (const name of ["panelFromModel", "clipFromPanel", "cut", "stretch", "cutColor", "opacity", "hasCut", "stripes", "shade"]) {
+    for (const name of ["panelFromModel", "clipFromPanel", "eyeFromPanel", "cut", "cutColor", "opacity", "hasCut", "stripes", "onlyDepth"]) {
       this.uniforms[name] = gl.getUniformLocation(program, name);
     }
     gl.enable(gl.DEPTH_TEST);
@@ -87,15 +86,13 @@ class Renderer {
     this.gl.bufferData(this.gl.ARRAY_BUFFER, colors, this.gl.STATIC_DRAW);
   }
 
-  /** Fits the picture to the element; the number of device pixels a CSS pixel. */
-  resize() {
-    const ratio = Math.min(window.devicePixelRatio || 1, 2);
+  /** Gives the picture `ratio` pixels a CSS pixel along each side. */
+  resize(ratio) {
     const width = Math.round(this.canvas.clientWidth * ratio), height = Math.round(this.canvas.clientHeight * ratio);
     if (this.canvas.width !== width || this.canvas.height !== height) {
       this.canvas.width = width;
       this.canvas.height = height;
     }
-    return ratio;
   }
 
   clear(color) {
@@ -107,13 +104,13 @@ class Renderer {
   }
 
   /** One column of the picture: `area` in device pixels, things with mesh, pose, opacity and stripes. */
-  drawColumn({ area, clipFromPanel, stretch, cut, cutColor, solids, surfaces }) {
+  drawColumn({ area, clipFromPanel, eyeFromPanel, cut, cutColor, solids, surfaces }) {
     const gl = this.gl, u = this.uniforms;
     gl.viewport(...area);
     gl.enable(gl.SCISSOR_TEST);
     gl.scissor(...area);
     gl.uniformMatrix4fv(u.clipFromPanel, false, clipFromPanel);
-    gl.uniform3fv(u.stretch, stretch);
+    gl.uniformMatrix3fv(u.eyeFromPanel, false, eyeFromPanel);
     gl.uniform3fv(u.cutColor, cutColor.map((x) => x / 255));
     const draw = (thing) => {
       gl.bindVertexArray(thing.mesh.array);
@@ -126,7 +123,7 @@ class Renderer {
     gl.depthMask(true);
     gl.depthFunc(gl.LESS);
     gl.uniform1f(u.hasCut, 0);
-    gl.uniform1f(u.shade, 1);
+    gl.uniform1f(u.onlyDepth, 0);
     solids.forEach(draw);
     gl.uniform1f(u.hasCut, cut ? 1 : 0);
     if (cut) gl.uniform4fv(u.cut, cut);
@@ -134,7 +131,9 @@ class Renderer {
     const clear = surfaces.filter((s) => s.opacity < 0.995 && s.opacity > 0);
     // The depth of the nearest layer first, then its colour: no layer shines through another.
     gl.colorMask(false, false, false, false);
+    gl.uniform1f(u.onlyDepth, 1);
     clear.forEach(draw);
+    gl.uniform1f(u.onlyDepth, 0);
     gl.colorMask(true, true, true, true);
     gl.enable(gl.BLEND);
     gl.depthFunc(gl.EQUAL);

@@ -3,6 +3,8 @@
 const BONE = [226, 214, 186], CUT = [196, 150, 118];
 const SCREW_COLORS = { planned: [20, 104, 200], truth: [20, 104, 200], transferred: [214, 44, 32] };
 const SIDES = 40;
+// Pixels a CSS pixel along each side once nothing moves.
+const FINE = 2;
 const START = { anatomy: { yaw: 205, pitch: 28, zoom: 1, pan: [0, 0] }, shapes: { yaw: 30, pitch: 20, zoom: 1, pan: [0, 0] } };
 
 class Viewer {
@@ -22,8 +24,10 @@ class Viewer {
     };
     this.meshes = scene.geometries.map((g) => this.surface(g));
     this.screws = scene.screws.map((s) => this.screw(s));
-    this.radius = this.sizeOfScene();
+    [this.halfWidth, this.halfHeight] = this.sizeOfScene();
+    this.radius = Math.hypot(this.halfWidth, this.halfHeight);
     this.drawn = 0;
+    this.pace = 1;
     new ResizeObserver(() => this.redraw()).observe(canvas);
     page.themes.push(() => this.redraw());
     canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
@@ -76,17 +80,19 @@ class Viewer {
     return { ...screw, gpu, axis };
   }
 
-  /** Radius of a ball around the middle of a panel that holds everything shown at first. */
+  /** Radius and half height of a cylinder along the long axis that holds all surfaces. */
   sizeOfScene() {
-    let largest = 1;
+    let [width, height] = [0, 0];
     for (const part of this.scene.parts) {
-      const mesh = this.meshes[part.geometry], { origin } = this.scene.panels[part.panel];
-      for (let v = 0; v < mesh.positions.length; v += 3 * 7) {
-        const p = math.place(part.pose, mesh.positions.subarray(v, v + 3));
-        largest = Math.max(largest, Math.hypot(...math.sub(p, origin)));
+      const { positions } = this.meshes[part.geometry], { origin, up } = this.scene.panels[part.panel];
+      // Every seventh vertex will do.
+      for (let v = 0; v < positions.length; v += 21) {
+        const offset = math.sub(math.place(part.pose, positions.subarray(v, v + 3)), origin), along = math.dot(offset, up);
+        height = Math.max(height, Math.abs(along));
+        width = Math.max(width, Math.sqrt(Math.max(0, math.dot(offset, offset) - along * along)));
       }
     }
-    return largest;
+    return width > 0 ? [width, height] : [1, 1];
   }
 
   set(changes) {
@@ -188,7 +194,7 @@ class Viewer {
     if (panel === undefined) return;
     const screw = this.screwIn(panel, name), middle = math.scale(math.add(screw.entry, screw.tip), 0.5);
     const offset = math.sub(middle, this.scene.panels[panel].origin), { right, up } = this.eye(panel);
-    this.set({ zoom: Math.max(2.4, this.radius / 38), pan: [-math.dot(offset, right), -math.dot(offset, up)] });
+    this.set({ zoom: Math.max(2.2, this.halfHeight / 42), pan: [-math.dot(offset, right), -math.dot(offset, up)] });
   }
 
   /** Directions of the screen in a panel's frame. */
@@ -207,13 +213,8 @@ class Viewer {
   }
 
   millimetresPerPixel() {
-    return (2.06 * this.radius) / (Math.min(...this.columnSize()) * this.fill() * this.state.zoom);
-  }
-
-  /** A spine is long: narrow columns may cut its ball at the sides. */
-  fill() {
-    const [width, height] = this.columnSize();
-    return width < height ? Math.min(height / width, 1.6) : 1;
+    const [width, height] = this.columnSize(), tall = Math.max(this.halfWidth, this.halfHeight);
+    return Math.max((2.1 * this.halfWidth) / width, (2.3 * tall) / height) / this.state.zoom;
   }
 
   /** From a panel's frame to the clip space of a column of this size in CSS pixels. */
@@ -224,30 +225,42 @@ class Viewer {
     const rows = [row(right, sx, this.state.pan[0] * sx), row(up, sy, this.state.pan[1] * sy), row(toward, sz, 0), [0, 0, 0, 1]];
     const matrix = new Float32Array(16);
     rows.forEach((r, i) => r.forEach((x, j) => { matrix[4 * j + i] = x; }));
-    return { matrix, stretch: [1 / sx, 1 / sy, 1 / -sz].map((x, k) => x / (k === 2 ? -1 : 1)).map((x, k) => (k === 2 ? -x : x)) };
+    return { clipFromPanel: matrix, eyeFromPanel: [0, 1, 2].flatMap((k) => [right[k], up[k], toward[k]]) };
   }
 
+  /** Soon, coarsely while things move; finely, four pixels averaged to one, once they rest. */
   redraw() {
+    clearTimeout(this.rest);
+    this.rest = setTimeout(() => this.draw(FINE), 220);
     if (this.waiting) return;
     this.waiting = true;
-    requestAnimationFrame(() => {
+    requestAnimationFrame((now) => {
       this.waiting = false;
-      this.draw();
+      this.keepPace(now);
+      this.draw(this.pace);
     });
   }
 
-  draw() {
-    const { scene, state, renderer } = this, ratio = renderer.resize();
+  /** Fewer pixels where frames that follow each other take long. */
+  keepPace(now) {
+    const took = now - (this.last || 0);
+    this.last = now;
+    if (took < 400) this.pace = Math.min(Math.max(this.pace * (took > 60 ? 0.8 : took < 25 ? 1.1 : 1), 0.35), 1);
+  }
+
+  draw(ratio) {
+    const { scene, state, renderer } = this;
+    renderer.resize(ratio);
     const columns = scene.layouts[state.layout].columns, [width, height] = this.columnSize();
     renderer.clear(math.rgb(getComputedStyle(document.documentElement).getPropertyValue("--stage").trim()));
     columns.forEach((column, k) => {
-      const { matrix, stretch } = this.projection(column.panel, [width, height]);
+      const projection = this.projection(column.panel, [width, height]);
       const isShown = (s) => s.panel === column.panel && column.roles.includes(s.role) && state.roles[s.role] && state.structures[s.part] !== false;
       const solids = this.screws.filter(isShown).map((s) => ({ mesh: s.gpu, pose: IDENTITY, opacity: 1, stripes: !s.accepted }));
       const parts = column.surfaces && state.hasSurfaces ? scene.parts.filter((p) => p.panel === column.panel && state.groups[p.group] && state.structures[p.name]) : [];
       const surfaces = parts.map((p) => ({ mesh: this.meshes[p.geometry].gpu, pose: p.pose, opacity: state.opacity * state.opacities[p.name] }));
       const area = [Math.round(k * width * ratio), 0, Math.round(width * ratio), Math.round(height * ratio)];
-      renderer.drawColumn({ area, clipFromPanel: matrix, stretch, cut: this.cutIn(column.panel), cutColor: CUT, solids, surfaces });
+      renderer.drawColumn({ area, ...projection, cut: this.cutIn(column.panel), cutColor: CUT, solids, surfaces });
     });
     this.titles(columns);
     if (this.controls) this.controls.markDirection(state);
@@ -274,7 +287,7 @@ class Viewer {
   }
 
   screenshot() {
-    this.draw();
+    this.draw(FINE);
     this.canvas.toBlob((blob) => page.save("view.png", blob));
   }
 }
@@ -288,7 +301,8 @@ const IDENTITY = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
       const viewer = new Viewer(JSON.parse(data.textContent), document.getElementById("canvas"));
       if (viewer.scene.first_layer !== null) viewer.chooseLayer(viewer.scene.first_layer);
       viewer.controls = new Controls(viewer);
-      viewer.draw();
+      viewer.draw(1);
+      viewer.redraw();
       window.viewer = viewer;
     } catch (error) {
       // Told in the page: everything below the view is there all the same.

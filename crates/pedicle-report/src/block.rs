@@ -193,7 +193,11 @@ impl Card {
             .facts
             .iter()
             .map(|(name, value)| {
-                format!("<div><dt>{}</dt><dd>{}</dd></div>", escaped(name), escaped(value))
+                format!(
+                    "<div><dt>{}</dt><dd>{}</dd></div>",
+                    escaped(name),
+                    escaped(value)
+                )
             })
             .collect();
         let figures: String = self.figures.iter().map(Figure::html).collect();

@@ -30,9 +30,9 @@ pub(crate) struct Positions {
 
 pub(crate) fn positions(vertices: &[Point3<f64>]) -> Positions {
     let first = vertices.first().copied().unwrap_or(Point3::origin());
-    let (low, high) = vertices.iter().fold((first, first), |(low, high), p| {
-        (low.inf(p), high.sup(p))
-    });
+    let (low, high) = vertices
+        .iter()
+        .fold((first, first), |(low, high), p| (low.inf(p), high.sup(p)));
     let extent = (high - low).max();
     let step = if extent > 0.0 { extent / STEPS } else { 1.0 };
     let mut bytes = Vec::with_capacity(6 * vertices.len());

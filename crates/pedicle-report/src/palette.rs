@@ -10,9 +10,9 @@ const VIRIDIS: [&str; 9] = [
 ];
 
 /// Bands of lightness across the height of a shape.
-const N_BANDS: f64 = 24.0;
+const N_BANDS: f64 = 30.0;
 /// How much darker every other band is.
-const BAND_DEPTH: f64 = 0.16;
+const BAND_DEPTH: f64 = 0.3;
 /// Ends of the axis that the common colour blindnesses leave apart: blue and orange.
 const BLUE: [f64; 3] = [0.0, 0.36, 0.72];
 const ORANGE: [f64; 3] = [0.98, 0.66, 0.10];
@@ -52,9 +52,9 @@ pub fn correspondence_colors(vertices: &[Point3<f64>]) -> Vec<[u8; 3]> {
     let Some(&first) = vertices.first() else {
         return Vec::new();
     };
-    let (low, high) = vertices.iter().fold((first, first), |(low, high), p| {
-        (low.inf(p), high.sup(p))
-    });
+    let (low, high) = vertices
+        .iter()
+        .fold((first, first), |(low, high), p| (low.inf(p), high.sup(p)));
     let share = |p: &Point3<f64>, axis: usize| {
         let extent = high[axis] - low[axis];
         if extent > 0.0 {
@@ -68,7 +68,7 @@ pub fn correspondence_colors(vertices: &[Point3<f64>]) -> Vec<[u8; 3]> {
         .map(|p| {
             let (x, y, z) = (share(p, 0), share(p, 1), share(p, 2));
             let band = (z * N_BANDS).floor() as i64 % 2 == 1;
-            let light = (0.62 + 0.38 * z) * if band { 1.0 - BAND_DEPTH } else { 1.0 };
+            let light = (0.8 + 0.2 * z) * if band { 1.0 - BAND_DEPTH } else { 1.0 };
             std::array::from_fn(|c| {
                 let mixed = BLUE[c] + (ORANGE[c] - BLUE[c]) * x;
                 let pale = mixed + (1.0 - mixed) * WHITE * y;

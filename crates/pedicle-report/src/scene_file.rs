@@ -4,7 +4,7 @@ use serde::Serialize;
 use serde_json::json;
 
 use crate::encode::{Positions, colors, indices, positions, scalars};
-use crate::{Coloring, ColorScale, Geometry, Scene, VertexColors};
+use crate::{ColorScale, Coloring, Geometry, Scene, VertexColors};
 
 #[derive(Serialize)]
 struct GeometryFile {

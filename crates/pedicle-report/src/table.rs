@@ -52,12 +52,7 @@ impl Table {
         );
         let class = |c: usize| if numeric[c] { " class=\"number\"" } else { "" };
         for (c, name) in self.header.iter().enumerate() {
-            let _ = write!(
-                html,
-                "<th scope=\"col\"{}>{}</th>",
-                class(c),
-                escaped(name)
-            );
+            let _ = write!(html, "<th scope=\"col\"{}>{}</th>", class(c), escaped(name));
         }
         html.push_str("</tr></thead><tbody>");
         for row in &self.rows {

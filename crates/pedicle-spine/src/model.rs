@@ -203,7 +203,10 @@ impl SpineModel {
     /// A pedicle in the source frame; none where it could not be measured.
     #[must_use]
     pub fn pedicle(&self, level: Level, side: Side) -> Option<&Pedicle> {
-        self.vertebrae[level.index()].anatomy.as_ref()?.pedicle(side)
+        self.vertebrae[level.index()]
+            .anatomy
+            .as_ref()?
+            .pedicle(side)
     }
 
     /// The full-resolution surface of a vertebra, ready for queries; none where it has no index.

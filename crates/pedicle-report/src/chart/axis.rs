@@ -14,21 +14,40 @@ impl Axis {
     /// Around finite values, and around what else must be seen.
     pub(crate) fn around(values: impl IntoIterator<Item = f64>, scale: Scale) -> Self {
         let usable = |v: &f64| v.is_finite() && (scale == Scale::Linear || *v > 0.0);
-        let (low, high) = values
-            .into_iter()
-            .filter(usable)
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
-                (if v < low { v } else { low }, if v > high { v } else { high })
-            });
-        let (low, high) = if low.is_finite() { (low, high) } else { (0.1, 1.0) };
+        let (low, high) = values.into_iter().filter(usable).fold(
+            (f64::INFINITY, f64::NEG_INFINITY),
+            |(low, high), v| {
+                (
+                    if v < low { v } else { low },
+                    if v > high { v } else { high },
+                )
+            },
+        );
+        let (low, high) = if low.is_finite() {
+            (low, high)
+        } else {
+            (0.1, 1.0)
+        };
         match scale {
             Scale::Linear => {
                 let room = if high > low { 0.06 * (high - low) } else { 0.5 };
                 // Zero is an end, not a value to keep away from.
-                let low_end = if low >= 0.0 && low < 0.3 * high { 0.0 } else { low - room };
-                Self { low: low_end, high: high + room, scale }
+                let low_end = if low >= 0.0 && low < 0.3 * high {
+                    0.0
+                } else {
+                    low - room
+                };
+                Self {
+                    low: low_end,
+                    high: high + room,
+                    scale,
+                }
             }
-            Scale::Log => Self { low: low / 1.3, high: high * 1.3, scale },
+            Scale::Log => Self {
+                low: low / 1.3,
+                high: high * 1.3,
+                scale,
+            },
         }
     }
 
@@ -70,9 +89,16 @@ impl Axis {
     }
 
     fn log_ticks(&self) -> Vec<(f64, String)> {
-        let (first, last) = (self.low.log10().floor() as i32, self.high.log10().ceil() as i32);
+        let (first, last) = (
+            self.low.log10().floor() as i32,
+            self.high.log10().ceil() as i32,
+        );
         let decades = last - first;
-        let marks: &[f64] = if decades <= 3 { &[1.0, 2.0, 5.0] } else { &[1.0] };
+        let marks: &[f64] = if decades <= 3 {
+            &[1.0, 2.0, 5.0]
+        } else {
+            &[1.0]
+        };
         let stride = usize::try_from(decades / 8 + 1).unwrap_or(1);
         (first..=last)
             .step_by(stride)
@@ -103,7 +129,11 @@ mod tests {
         assert_eq!(words, ["0", "2", "4"], "steps of two");
         let axis = Axis::around([0.08, 3.4, f64::NAN, 0.0], Scale::Log);
         let words: Vec<String> = axis.ticks(5).into_iter().map(|t| t.1).collect();
-        assert_eq!(words, ["0.1", "0.2", "0.5", "1", "2"], "0 and NaN are left out");
+        assert_eq!(
+            words,
+            ["0.1", "0.2", "0.5", "1", "2"],
+            "0 and NaN are left out"
+        );
         assert!(axis.share(0.0).abs() < 1e-12, "0 lies at the end");
     }
 }

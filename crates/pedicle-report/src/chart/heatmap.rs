@@ -46,7 +46,10 @@ pub fn heatmap(n_columns: usize, values: &[f64], labels: [&str; 3]) -> String {
         for (row, line) in values.chunks_exact(n_columns.max(1)).enumerate() {
             let mut at = 0;
             while at < n_columns {
-                let run = line[at..].iter().take_while(|v| step_of(**v) == step).count();
+                let run = line[at..]
+                    .iter()
+                    .take_while(|v| step_of(**v) == step)
+                    .count();
                 if run > 0 {
                     let _ = write!(d, "M{at} {row}h{run}v1h-{run}z");
                 }
@@ -58,7 +61,10 @@ pub fn heatmap(n_columns: usize, values: &[f64], labels: [&str; 3]) -> String {
         }
     }
     svg.push_str("</g>");
-    let _ = write!(svg, "<rect class=\"frame\" x=\"{LEFT}\" y=\"{TOP}\" width=\"{width:.2}\" height=\"{height:.2}\"/>");
+    let _ = write!(
+        svg,
+        "<rect class=\"frame\" x=\"{LEFT}\" y=\"{TOP}\" width=\"{width:.2}\" height=\"{height:.2}\"/>"
+    );
     svg.push_str(&text(LEFT + 0.5 * width, TOP - 8.0, "middle", labels[1]));
     let y = TOP + 0.5 * height;
     let _ = write!(
@@ -82,15 +88,25 @@ fn legend(svg: &mut String, y: f64, width: f64, largest: f64) {
             color(step)
         );
     }
-    let words = [format!("−{largest:.2}"), "0".to_owned(), format!("{largest:.2}")];
+    let words = [
+        format!("−{largest:.2}"),
+        "0".to_owned(),
+        format!("{largest:.2}"),
+    ];
     for (k, words) in words.iter().enumerate() {
-        svg.push_str(&text(LEFT + 0.5 * width * k as f64, y + 28.0, "middle", words));
+        svg.push_str(&text(
+            LEFT + 0.5 * width * k as f64,
+            y + 28.0,
+            "middle",
+            words,
+        ));
     }
 }
 
 fn color(step: i32) -> String {
     let t = f64::from(step.abs()) / f64::from(STEPS);
     let end = if step < 0 { NEGATIVE } else { POSITIVE };
-    let [r, g, b]: [u8; 3] = std::array::from_fn(|c| (ZERO[c] + (end[c] - ZERO[c]) * t).round() as u8);
+    let [r, g, b]: [u8; 3] =
+        std::array::from_fn(|c| (ZERO[c] + (end[c] - ZERO[c]) * t).round() as u8);
     format!("#{r:02x}{g:02x}{b:02x}")
 }

@@ -40,7 +40,11 @@ pub fn dots(rows: &[DotRow], series: &[(Series, &str)], scale: Scale, labels: [&
     axis_below(&mut svg, &axis, height, labels[1]);
     for (k, row) in rows.iter().enumerate() {
         let y = TOP + ROW * (k as f64 + 0.5);
-        let _ = write!(svg, "<path class=\"grid\" d=\"M{LEFT} {y:.1}H{:.1}\"/>", WIDTH - RIGHT);
+        let _ = write!(
+            svg,
+            "<path class=\"grid\" d=\"M{LEFT} {y:.1}H{:.1}\"/>",
+            WIDTH - RIGHT
+        );
         svg.push_str(&text(LEFT - 8.0, y + 4.0, "end", &row.name));
         for (value, (series, _)) in row.values.iter().zip(series) {
             if value.is_finite() {
@@ -55,7 +59,11 @@ pub fn dots(rows: &[DotRow], series: &[(Series, &str)], scale: Scale, labels: [&
 /// Stacked bars, each over the sum of its row.
 #[must_use]
 pub fn bars(rows: &[StackRow], series: &[(Series, &str)], labels: [&str; 2]) -> String {
-    let axis = Axis { low: 0.0, high: 100.0, scale: Scale::Linear };
+    let axis = Axis {
+        low: 0.0,
+        high: 100.0,
+        scale: Scale::Linear,
+    };
     let height = TOP + ROW * rows.len() as f64 + BOTTOM;
     let mut svg = opening(WIDTH, height, labels[0]);
     axis_below(&mut svg, &axis, height, labels[1]);
@@ -88,11 +96,23 @@ fn axis_below(svg: &mut String, axis: &Axis, height: f64, label: &str) {
     let bottom = height - BOTTOM;
     for (at, words) in axis.ticks(6) {
         let x = LEFT + axis.share(at) * (WIDTH - LEFT - RIGHT);
-        let _ = write!(svg, "<path class=\"grid\" d=\"M{x:.1} {TOP}V{bottom:.1}\"/>");
+        let _ = write!(
+            svg,
+            "<path class=\"grid\" d=\"M{x:.1} {TOP}V{bottom:.1}\"/>"
+        );
         svg.push_str(&text(x, bottom + 18.0, "middle", &words));
     }
-    let _ = write!(svg, "<path class=\"axis\" d=\"M{LEFT} {bottom:.1}H{:.1}\"/>", WIDTH - RIGHT);
-    svg.push_str(&text(0.5 * (LEFT + WIDTH - RIGHT), height - 6.0, "middle", label));
+    let _ = write!(
+        svg,
+        "<path class=\"axis\" d=\"M{LEFT} {bottom:.1}H{:.1}\"/>",
+        WIDTH - RIGHT
+    );
+    svg.push_str(&text(
+        0.5 * (LEFT + WIDTH - RIGHT),
+        height - 6.0,
+        "middle",
+        label,
+    ));
 }
 
 fn legend(svg: &mut String, series: &[(Series, &str)]) {

@@ -74,15 +74,26 @@ impl Series {
     pub(crate) fn marker(self, x: f64, y: f64) -> String {
         let class = self.class();
         match self {
-            Self::Blue => format!("<circle class=\"mark {class}\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"4\"/>"),
-            Self::Red => format!("<path class=\"mark {class}\" d=\"M{x:.1} {:.1}l5 5l-5 5l-5-5z\"/>", y - 5.0),
-            Self::Grey => format!("<path class=\"line {class}\" d=\"M{x:.1} {:.1}v14\"/>", y - 7.0),
+            Self::Blue => {
+                format!("<circle class=\"mark {class}\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"4\"/>")
+            }
+            Self::Red => format!(
+                "<path class=\"mark {class}\" d=\"M{x:.1} {:.1}l5 5l-5 5l-5-5z\"/>",
+                y - 5.0
+            ),
+            Self::Grey => format!(
+                "<path class=\"line {class}\" d=\"M{x:.1} {:.1}v14\"/>",
+                y - 7.0
+            ),
             Self::Orange => format!(
                 "<rect class=\"mark {class}\" x=\"{:.1}\" y=\"{:.1}\" width=\"7\" height=\"7\"/>",
                 x - 3.5,
                 y - 3.5
             ),
-            Self::Green => format!("<path class=\"mark {class}\" d=\"M{x:.1} {:.1}l5 9h-10z\"/>", y - 5.0),
+            Self::Green => format!(
+                "<path class=\"mark {class}\" d=\"M{x:.1} {:.1}l5 9h-10z\"/>",
+                y - 5.0
+            ),
         }
     }
 }

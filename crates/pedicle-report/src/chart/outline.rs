@@ -6,8 +6,8 @@ use nalgebra::{Matrix2, Point2, Vector2};
 
 use super::{Series, opening, text};
 
-const SIZE: f64 = 300.0;
-const MARGIN: f64 = 26.0;
+const SIZE: f64 = 230.0;
+const MARGIN: f64 = 22.0;
 /// Half of the side of the picture, mm, if the outline is smaller.
 const LEAST_REACH_MM: f64 = 6.0;
 /// Points of an ellipse.
@@ -33,10 +33,17 @@ impl Outline {
     ///
     /// r² = -2 ln(1 - share) times the covariance, in mm².
     #[must_use]
-    pub fn of_covariance(name: &str, center_mm: Point2<f64>, covariance: &Matrix2<f64>, share: f64) -> Self {
+    pub fn of_covariance(
+        name: &str,
+        center_mm: Point2<f64>,
+        covariance: &Matrix2<f64>,
+        share: f64,
+    ) -> Self {
         let radius = (-2.0 * (1.0 - share).ln()).sqrt();
         let eigen = covariance.symmetric_eigen();
-        let root = eigen.eigenvalues.map(|v| if v > 0.0 { v.sqrt() } else { 0.0 });
+        let root = eigen
+            .eigenvalues
+            .map(|v| if v > 0.0 { v.sqrt() } else { 0.0 });
         Self {
             name: name.to_owned(),
             series: Series::Grey,
@@ -91,8 +98,15 @@ pub fn outlines(view: &OutlineView) -> String {
     };
     let height = SIZE + 18.0 * view.outlines.len() as f64;
     let mut svg = opening(SIZE, height, &view.label);
-    let bone: String = view.contours.iter().map(|c| path(&mut c.iter().copied())).collect();
-    let _ = write!(svg, "<path class=\"bone\" fill-rule=\"evenodd\" d=\"{bone}\"/>");
+    let bone: String = view
+        .contours
+        .iter()
+        .map(|c| path(&mut c.iter().copied()))
+        .collect();
+    let _ = write!(
+        svg,
+        "<path class=\"bone\" fill-rule=\"evenodd\" d=\"{bone}\"/>"
+    );
     for outline in &view.outlines {
         let class = if outline.is_filled { "filled" } else { "line" };
         let _ = write!(
@@ -110,8 +124,18 @@ pub fn outlines(view: &OutlineView) -> String {
     svg.push_str(&text(middle, 14.0, "middle small", top));
     svg.push_str(&text(middle, SIZE - 6.0, "middle small", bottom));
     let bar_mm = if reach > 12.0 { 5.0 } else { 2.0 };
-    let _ = write!(svg, "<path class=\"axis\" d=\"M10 {0:.1}v-4v8v-4h{1:.1}v-4v8\"/>", SIZE - 14.0, bar_mm * scale);
-    svg.push_str(&text(10.0, SIZE - 22.0, "start small", &format!("{bar_mm:.0} mm")));
+    let _ = write!(
+        svg,
+        "<path class=\"axis\" d=\"M10 {0:.1}v-4v8v-4h{1:.1}v-4v8\"/>",
+        SIZE - 14.0,
+        bar_mm * scale
+    );
+    svg.push_str(&text(
+        10.0,
+        SIZE - 22.0,
+        "start small",
+        &format!("{bar_mm:.0} mm"),
+    ));
     for (k, outline) in view.outlines.iter().enumerate() {
         let y = SIZE + 18.0 * k as f64 + 8.0;
         let class = if outline.is_filled { "filled" } else { "line" };

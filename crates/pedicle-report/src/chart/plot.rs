@@ -5,9 +5,9 @@ use std::fmt::Write;
 use super::axis::Axis;
 use super::{Series, opening, text};
 
-const WIDTH: f64 = 520.0;
-const HEIGHT: f64 = 300.0;
-const LEFT: f64 = 58.0;
+const WIDTH: f64 = 440.0;
+const HEIGHT: f64 = 280.0;
+const LEFT: f64 = 52.0;
 const RIGHT: f64 = 14.0;
 const TOP: f64 = 34.0;
 const BOTTOM: f64 = 44.0;
@@ -98,16 +98,29 @@ impl Frame {
 /// Draws curves.
 #[must_use]
 pub fn plot(plot: &Plot) -> String {
-    let xs = plot.curves.iter().flat_map(|c| c.points.iter().map(|p| p.0));
+    let xs = plot
+        .curves
+        .iter()
+        .flat_map(|c| c.points.iter().map(|p| p.0));
     let zones = plot.zones.iter().flat_map(|z| [z.range.0, z.range.1]);
-    let ys = plot.curves.iter().flat_map(|c| c.points.iter().map(|p| p.1));
-    let bands = plot.bands.iter().flat_map(|b| b.points.iter().flat_map(|p| [p.1, p.2]));
+    let ys = plot
+        .curves
+        .iter()
+        .flat_map(|c| c.points.iter().map(|p| p.1));
+    let bands = plot
+        .bands
+        .iter()
+        .flat_map(|b| b.points.iter().flat_map(|p| [p.1, p.2]));
     let levels = plot.levels.iter().map(|l| l.0);
     let marks = plot.marks.iter().map(|m| m.0);
     let mut x = Axis::around(xs.chain(zones).chain(marks), plot.x_scale);
     if plot.x_scale == Scale::Linear && !plot.zones.is_empty() {
         // A profile ends where the screw does.
-        let end = plot.zones.iter().map(|z| z.range.1).fold(x.low, |a, b| if b > a { b } else { a });
+        let end = plot
+            .zones
+            .iter()
+            .map(|z| z.range.1)
+            .fold(x.low, |a, b| if b > a { b } else { a });
         (x.low, x.high) = (0.0, end);
     }
     let frame = Frame {
@@ -121,19 +134,37 @@ pub fn plot(plot: &Plot) -> String {
         let mut forth = String::new();
         let mut back = String::new();
         for (i, p) in band.points.iter().enumerate() {
-            let _ = write!(forth, "{}{:.1} {:.1}", if i == 0 { 'M' } else { 'L' }, frame.px(p.0), frame.py(p.2));
+            let _ = write!(
+                forth,
+                "{}{:.1} {:.1}",
+                if i == 0 { 'M' } else { 'L' },
+                frame.px(p.0),
+                frame.py(p.2)
+            );
             back = format!("L{:.1} {:.1}{back}", frame.px(p.0), frame.py(p.1));
         }
-        let _ = write!(svg, "<path class=\"band {}\" d=\"{forth}{back}Z\"/>", band.series.class());
+        let _ = write!(
+            svg,
+            "<path class=\"band {}\" d=\"{forth}{back}Z\"/>",
+            band.series.class()
+        );
     }
     for (at, name) in &plot.levels {
         let y = frame.py(*at);
-        let _ = write!(svg, "<path class=\"level\" d=\"M{LEFT} {y:.1}H{:.1}\"/>", WIDTH - RIGHT);
+        let _ = write!(
+            svg,
+            "<path class=\"level\" d=\"M{LEFT} {y:.1}H{:.1}\"/>",
+            WIDTH - RIGHT
+        );
         svg.push_str(&text(WIDTH - RIGHT - 4.0, y - 4.0, "end small", name));
     }
     for (at, name) in &plot.marks {
         let x = frame.px(*at);
-        let _ = write!(svg, "<path class=\"level\" d=\"M{x:.1} {TOP}V{:.1}\"/>", HEIGHT - BOTTOM);
+        let _ = write!(
+            svg,
+            "<path class=\"level\" d=\"M{x:.1} {TOP}V{:.1}\"/>",
+            HEIGHT - BOTTOM
+        );
         svg.push_str(&text(x + 4.0, HEIGHT - BOTTOM - 6.0, "start small", name));
     }
     for curve in &plot.curves {
@@ -151,7 +182,13 @@ fn line(curve: &Curve, frame: &Frame) -> String {
             is_down = false;
             continue;
         }
-        let _ = write!(d, "{}{:.1} {:.1}", if is_down { 'L' } else { 'M' }, frame.px(x), frame.py(y));
+        let _ = write!(
+            d,
+            "{}{:.1} {:.1}",
+            if is_down { 'L' } else { 'M' },
+            frame.px(x),
+            frame.py(y)
+        );
         is_down = true;
     }
     format!(
@@ -172,7 +209,11 @@ fn draw_zones(svg: &mut String, plot: &Plot, frame: &Frame) {
                 HEIGHT - TOP - BOTTOM
             );
         }
-        let _ = write!(svg, "<path class=\"grid\" d=\"M{b:.1} {TOP}V{:.1}\"/>", HEIGHT - BOTTOM);
+        let _ = write!(
+            svg,
+            "<path class=\"grid\" d=\"M{b:.1} {TOP}V{:.1}\"/>",
+            HEIGHT - BOTTOM
+        );
         svg.push_str(&text(0.5 * (a + b), TOP + 14.0, "middle small", &zone.name));
     }
 }
@@ -181,7 +222,10 @@ fn draw_axes(svg: &mut String, plot: &Plot, frame: &Frame) {
     let (bottom, right) = (HEIGHT - BOTTOM, WIDTH - RIGHT);
     for (at, words) in frame.y.ticks(5) {
         let y = frame.py(at);
-        let _ = write!(svg, "<path class=\"grid\" d=\"M{LEFT} {y:.1}H{right:.1}\"/>");
+        let _ = write!(
+            svg,
+            "<path class=\"grid\" d=\"M{LEFT} {y:.1}H{right:.1}\"/>"
+        );
         svg.push_str(&text(LEFT - 7.0, y + 4.0, "end", &words));
     }
     for (at, words) in frame.x.ticks(7) {
@@ -189,8 +233,16 @@ fn draw_axes(svg: &mut String, plot: &Plot, frame: &Frame) {
         let _ = write!(svg, "<path class=\"axis\" d=\"M{x:.1} {bottom:.1}v5\"/>");
         svg.push_str(&text(x, bottom + 18.0, "middle", &words));
     }
-    let _ = write!(svg, "<path class=\"axis\" d=\"M{LEFT} {TOP}V{bottom:.1}H{right:.1}\"/>");
-    svg.push_str(&text(0.5 * (LEFT + right), HEIGHT - 6.0, "middle", &plot.x_label));
+    let _ = write!(
+        svg,
+        "<path class=\"axis\" d=\"M{LEFT} {TOP}V{bottom:.1}H{right:.1}\"/>"
+    );
+    svg.push_str(&text(
+        0.5 * (LEFT + right),
+        HEIGHT - 6.0,
+        "middle",
+        &plot.x_label,
+    ));
     let y = 0.5 * (TOP + bottom);
     let _ = write!(
         svg,

@@ -128,7 +128,11 @@ impl Arguments {
             write_json(path, &TransferFile::from(&result))?;
         }
         if let (Some(path), Some(source)) = (&self.report, &shown) {
-            let truth: Vec<_> = simulated.truth.iter().map(|t| t.target_from_source).collect();
+            let truth: Vec<_> = simulated
+                .truth
+                .iter()
+                .map(|t| t.target_from_source)
+                .collect();
             let page = transfer_page(&TransferReport {
                 subtitle: &format!(
                     "Phantom spine, {} target with noise of {} mm, seed {}; blue is the truth",

@@ -145,13 +145,12 @@ impl Arguments {
             write_glb(path, &source_mesh, &target_mesh, point_map)?;
         }
         if let Some(path) = &self.report {
-            let page = map_page(&source_mesh, &target_mesh, &map, &file).map_err(|error| {
-                Error::Map {
+            let page =
+                map_page(&source_mesh, &target_mesh, &map, &file).map_err(|error| Error::Map {
                     source_path: self.source.clone(),
                     target_path: self.target.clone(),
                     error,
-                }
-            })?;
+                })?;
             write_text(path, &page.html())?;
         }
         say(&summary(&file));

@@ -69,8 +69,17 @@ fn eigenvalues(spectra: &Spectra<'_>) -> Figure {
     };
     let mut csv = String::from("index,source,target\n");
     for k in 0..spectra.source.len().max(spectra.target.len()) {
-        let field = |values: &[f64]| values.get(k).map_or_else(String::new, |v| format!("{v:.9e}"));
-        let _ = writeln!(csv, "{k},{},{}", field(spectra.source), field(spectra.target));
+        let field = |values: &[f64]| {
+            values
+                .get(k)
+                .map_or_else(String::new, |v| format!("{v:.9e}"))
+        };
+        let _ = writeln!(
+            csv,
+            "{k},{},{}",
+            field(spectra.source),
+            field(spectra.target)
+        );
     }
     Figure {
         title: "Eigenvalues".to_owned(),

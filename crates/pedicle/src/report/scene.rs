@@ -70,7 +70,11 @@ const ERROR: usize = 2;
 
 /// The layer of the functional map comes last.
 fn map_layer(report: &TransferReport<'_>) -> usize {
-    if report.truth.is_some() { ERROR + 1 } else { ERROR }
+    if report.truth.is_some() {
+        ERROR + 1
+    } else {
+        ERROR
+    }
 }
 
 fn add_layers(scene: &mut Scene, report: &TransferReport<'_>, nearest: &[Nearest], has_map: bool) {
@@ -79,7 +83,9 @@ fn add_layers(scene: &mut Scene, report: &TransferReport<'_>, nearest: &[Nearest
         scale,
     };
     let residual = scale_end(nearest.iter().map(|n| n.distance_mm));
-    scene.layers.push(layer("correspondence of the poses", None));
+    scene
+        .layers
+        .push(layer("correspondence of the poses", None));
     scene.layers.push(layer(
         "residual: target to carried bone",
         Some(ColorScale::new(0.0, residual, "mm")),
@@ -130,9 +136,9 @@ impl SourceColors {
             .flat_map(|v| v.surface.vertices().iter().map(turned))
             .collect();
         let first = all.first().copied().unwrap_or(Point3::origin());
-        let (low, high) = all.iter().fold((first, first), |(low, high), p| {
-            (low.inf(p), high.sup(p))
-        });
+        let (low, high) = all
+            .iter()
+            .fold((first, first), |(low, high), p| (low.inf(p), high.sup(p)));
         let mut colors = correspondence_colors(&all).into_iter();
         let of_vertex = report
             .source
@@ -222,7 +228,9 @@ fn add_target(
         let (mut geometry, kept) = part_of_target(&report.target.surface, nearest, k);
         let of = |v: &u32| nearest[*v as usize];
         let by_pose = colors.at(kept.iter().map(|v| of(v).in_source));
-        geometry.colorings.push(colored(POSES, VertexColors::Rgb(by_pose)));
+        geometry
+            .colorings
+            .push(colored(POSES, VertexColors::Rgb(by_pose)));
         let distances = kept.iter().map(|v| of(v).distance_mm).collect();
         let residual = colored(RESIDUAL, VertexColors::Values(distances));
         geometry.colorings.push(residual);
@@ -306,7 +314,11 @@ fn layouts(has_truth: bool) -> Vec<Layout> {
     } else {
         column("Target: surface", TARGET, &[], true)
     };
-    let last = if has_truth { "True and transferred" } else { "Transferred alone" };
+    let last = if has_truth {
+        "True and transferred"
+    } else {
+        "Transferred alone"
+    };
     let four = vec![
         plan.clone(),
         second,

@@ -85,9 +85,10 @@ pub fn screw_report(
         profile_band: doubt.map(|doubt| band(first, doubt)),
         zones: zones(first.check),
         isthmus: pedicle.map(|pedicle| isthmus(screws, bone, pedicle, doubt)),
-        facts: vec![
-            ("least clearance".to_owned(), format!("{:.2} mm", first.check.min_clearance_mm())),
-        ],
+        facts: vec![(
+            "least clearance".to_owned(),
+            format!("{:.2} mm", first.check.min_clearance_mm()),
+        )],
         reasons: screws.iter().filter_map(breach_in_words).collect(),
         ..ScrewReport::default()
     }
@@ -96,7 +97,9 @@ pub fn screw_report(
 fn breach_in_words(screw: &CheckedScrew<'_>) -> Option<String> {
     let CheckedScrew { name, check, .. } = screw;
     if !check.through_pedicle {
-        return Some(format!("The {name} screw does not run through its pedicle."));
+        return Some(format!(
+            "The {name} screw does not run through its pedicle."
+        ));
     }
     let to = check
         .breach_direction
@@ -220,14 +223,22 @@ fn isthmus(
         let covariance = covariance_in_source(doubt, &pedicle.isthmus_center_mm);
         let plane = in_plane(&covariance, &section.directions());
         let name = "95 % of its axis";
-        outlines.push(Outline::of_covariance(name, center_mm, &plane, ELLIPSE_SHARE));
+        outlines.push(Outline::of_covariance(
+            name,
+            center_mm,
+            &plane,
+            ELLIPSE_SHARE,
+        ));
     }
     let (left, right) = match pedicle.side {
         Side::Left => ("lateral", "medial"),
         Side::Right => ("medial", "lateral"),
     };
     OutlineView {
-        label: format!("Pedicle {} across the isthmus, with the screw", screw_name(screws[0].trajectory)),
+        label: format!(
+            "Pedicle {} across the isthmus, with the screw",
+            screw_name(screws[0].trajectory)
+        ),
         contours: near_the_pedicle(section.contours_mm),
         outlines,
         directions: [left, right, "cranial", "caudal"].map(String::from),
@@ -236,8 +247,14 @@ fn isthmus(
 
 /// The contour around the isthmus: the plane may meet other parts of the bone.
 fn near_the_pedicle(contours: Vec<Vec<Point2<f64>>>) -> Vec<Vec<Point2<f64>>> {
-    let nearest = |c: &Vec<Point2<f64>>| c.iter().map(|p| p.coords.norm()).fold(f64::INFINITY, f64::min);
-    let best = contours.into_iter().min_by(|a, b| nearest(a).total_cmp(&nearest(b)));
+    let nearest = |c: &Vec<Point2<f64>>| {
+        c.iter()
+            .map(|p| p.coords.norm())
+            .fold(f64::INFINITY, f64::min)
+    };
+    let best = contours
+        .into_iter()
+        .min_by(|a, b| nearest(a).total_cmp(&nearest(b)));
     best.into_iter().collect()
 }
 
@@ -258,9 +275,9 @@ fn cut_screw(
     // Longer by 1/cos along the part of the axis that lies in the plane.
     let tilt = section.directions().map(|d| d.dot(&axis));
     let tilt = nalgebra::Vector2::from(tilt);
-    let stretch = tilt
-        .try_normalize(1e-9)
-        .map_or_else(Matrix2::zeros, |d| d * d.transpose() * (1.0 / alignment - 1.0));
+    let stretch = tilt.try_normalize(1e-9).map_or_else(Matrix2::zeros, |d| {
+        d * d.transpose() * (1.0 / alignment - 1.0)
+    });
     Some(Outline {
         name: format!("{} screw", screw.name),
         series: screw.series,

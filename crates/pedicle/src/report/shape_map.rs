@@ -29,8 +29,16 @@ pub fn map_page(
     let mut page = Page::new("Map between two shapes");
     page.subtitle = format!("{} to {}", name_of(&file.source), name_of(&file.target));
     let quality = &file.quality;
-    page.fact("coverage", format!("{:.1} %", 100.0 * quality.coverage), None);
-    page.fact("round trip", format!("{:.4} √area", quality.bijectivity_error), None);
+    page.fact(
+        "coverage",
+        format!("{:.1} %", 100.0 * quality.coverage),
+        None,
+    );
+    page.fact(
+        "round trip",
+        format!("{:.4} √area", quality.bijectivity_error),
+        None,
+    );
     page.fact("edge stretch", format!("{:.3}", quality.edge_stretch), None);
     let certified = map.source.certified && map.target.certified;
     let (words, tone) = if certified {
@@ -65,7 +73,8 @@ fn scene(source: &TriMesh, target: &TriMesh, map: &ShapeMap) -> Scene {
     let target_colors = pulled_back_colors(&colors, map.point_map());
     let (forth, back) = round_trips(map);
     let high = scale_end(forth.iter().chain(&back).map(|x| 100.0 * x));
-    let percent = |values: Vec<f64>| VertexColors::Values(values.iter().map(|x| 100.0 * x).collect());
+    let percent =
+        |values: Vec<f64>| VertexColors::Values(values.iter().map(|x| 100.0 * x).collect());
     let geometry = |mesh: &TriMesh, colors, trips| Geometry {
         vertices: mesh.vertices().to_vec(),
         faces: mesh.faces().to_vec(),
@@ -118,7 +127,10 @@ fn scene(source: &TriMesh, target: &TriMesh, map: &ShapeMap) -> Scene {
         ],
         first_layer: Some(CORRESPONDENCE),
         layouts: vec![
-            layout("source and target", vec![column("source", 0), column("target", 1)]),
+            layout(
+                "source and target",
+                vec![column("source", 0), column("target", 1)],
+            ),
             layout("source", vec![column("source", 0)]),
             layout("target", vec![column("target", 1)]),
         ],
@@ -161,7 +173,14 @@ fn round_trips(map: &ShapeMap) -> (Vec<f64>, Vec<f64>) {
 fn numbers(file: &MapFile) -> Section {
     let mut shapes = Table::new(
         "Shapes",
-        &["shape", "vertices", "area", "pieces", "operators", "mollified"],
+        &[
+            "shape",
+            "vertices",
+            "area",
+            "pieces",
+            "operators",
+            "mollified",
+        ],
     );
     for (name, entry) in [("source", &file.source), ("target", &file.target)] {
         shapes.push([
@@ -177,7 +196,10 @@ fn numbers(file: &MapFile) -> Section {
     let mut quality = Table::new("Quality", &["figure", "value"]);
     for (name, value) in [
         ("coverage", file.quality.coverage),
-        ("bijectivity error over √area", file.quality.bijectivity_error),
+        (
+            "bijectivity error over √area",
+            file.quality.bijectivity_error,
+        ),
         ("edge stretch", file.quality.edge_stretch),
         ("torn edges", file.quality.torn_edges),
         ("energy", energy.total),

@@ -149,7 +149,11 @@ fn part_of_mesh(mesh: &TriMesh, nearest: &[Nearest], vertebra: usize) -> (Geomet
     (geometry, kept)
 }
 
-fn tetrahedra(points: &[Point3<f64>], nearest: &[Nearest], vertebra: usize) -> (Geometry, Vec<u32>) {
+fn tetrahedra(
+    points: &[Point3<f64>],
+    nearest: &[Nearest],
+    vertebra: usize,
+) -> (Geometry, Vec<u32>) {
     let mut geometry = Geometry::default();
     let mut kept = Vec::new();
     let half = POINT_SIZE_MM / 8f64.sqrt();
@@ -177,5 +181,8 @@ pub(super) fn scale_end(values: impl IntoIterator<Item = f64>) -> f64 {
     let at = sorted.len().saturating_sub(1) * 98 / 100;
     let high = sorted.get(at).copied().unwrap_or(0.0);
     let steps = [0.1, 0.2, 0.5, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0];
-    steps.into_iter().find(|step| *step >= high).unwrap_or(100.0)
+    steps
+        .into_iter()
+        .find(|step| *step >= high)
+        .unwrap_or(100.0)
 }

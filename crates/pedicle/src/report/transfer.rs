@@ -47,21 +47,26 @@ pub fn transfer_page(report: &TransferReport<'_>) -> Page {
         .collect();
     page.sections.push(screw_section(&screws));
     page.sections.push(trajectories(report));
-    page.sections.extend(report.transfer.map.as_ref().map(|map| {
-        map_section(&Spectra {
-            source: &map.detail.source_eigenvalues,
-            target: &map.detail.target_eigenvalues,
-            unit: "1/mm²",
-            map: &map.detail.functional_map.matrix,
-        })
-    }));
+    page.sections
+        .extend(report.transfer.map.as_ref().map(|map| {
+            map_section(&Spectra {
+                source: &map.detail.source_eigenvalues,
+                target: &map.detail.target_eigenvalues,
+                unit: "1/mm²",
+                map: &map.detail.functional_map.matrix,
+            })
+        }));
     page
 }
 
 fn add_facts(page: &mut Page, report: &TransferReport<'_>) {
     let transfer = report.transfer;
     let share = |accepted: usize, all: usize| {
-        let tone = if accepted == all { Tone::Good } else { Tone::Bad };
+        let tone = if accepted == all {
+            Tone::Good
+        } else {
+            Tone::Bad
+        };
         (format!("{accepted} of {all}"), Some(tone))
     };
     let accepted = transfer.vertebrae.iter().filter(|v| v.accepted).count();
@@ -83,9 +88,16 @@ fn add_facts(page: &mut Page, report: &TransferReport<'_>) {
             })
             .collect::<Vec<_>>();
         let worst = |f: fn(&pedicle_registration::PoseError) -> f64| {
-            errors.iter().map(f).fold(0.0, |a, b| if b > a { b } else { a })
+            errors
+                .iter()
+                .map(f)
+                .fold(0.0, |a, b| if b > a { b } else { a })
         };
-        page.fact("largest error", millimetres(worst(|e| e.translation_mm)), None);
+        page.fact(
+            "largest error",
+            millimetres(worst(|e| e.translation_mm)),
+            None,
+        );
         let degrees = worst(|e| e.rotation_rad).to_degrees();
         page.fact("largest turn", format!("{degrees:.2}°"), None);
     }
@@ -109,7 +121,14 @@ fn number(x: f64, digits: usize) -> String {
 
 fn vertebrae(report: &TransferReport<'_>) -> Section {
     let mut header = vec![
-        "level", "verdict", "residual mm", "noise mm", "± mm", "± °", "seen %", "points",
+        "level",
+        "verdict",
+        "residual mm",
+        "noise mm",
+        "± mm",
+        "± °",
+        "seen %",
+        "points",
         "pose from",
     ];
     if report.truth.is_some() {
@@ -166,10 +185,16 @@ fn vertebra_row(v: &VertebraTransfer) -> Vec<String> {
 fn trajectories(report: &TransferReport<'_>) -> Section {
     let mut table = Table::new(
         "Transferred trajectories in the frame of the target",
-        &["screw", "verdict", "entry x", "y", "z", "tip x", "y", "z", "diameter"],
+        &[
+            "screw", "verdict", "entry x", "y", "z", "tip x", "y", "z", "diameter",
+        ],
     );
     for t in &report.transfer.trajectories {
-        let ends = t.trajectory.entry_mm.iter().chain(t.trajectory.tip_mm.iter());
+        let ends = t
+            .trajectory
+            .entry_mm
+            .iter()
+            .chain(t.trajectory.tip_mm.iter());
         let mut row = vec![
             screw_name(&t.trajectory),
             if t.accepted { "accepted" } else { "REJECTED" }.to_owned(),
@@ -266,12 +291,18 @@ fn add_deviations(
         push("off at the entry", millimetres(error.entry_mm));
         push("off at the isthmus", millimetres(error.isthmus_mm));
         push("off at the tip", millimetres(error.tip_mm));
-        push("turned by", format!("{:.2}°", error.direction_rad.to_degrees()));
+        push(
+            "turned by",
+            format!("{:.2}°", error.direction_rad.to_degrees()),
+        );
     }
     if let Some(u) = report.transfer.trajectories[k].uncertainty {
         push("entry ±", millimetres(u.entry_mm));
         push("isthmus ±", millimetres(u.isthmus_mm));
         push("tip ±", millimetres(u.tip_mm));
-        push("breach probability", format!("{} %", number(100.0 * u.breach_probability, 2)));
+        push(
+            "breach probability",
+            format!("{} %", number(100.0 * u.breach_probability, 2)),
+        );
     }
 }
