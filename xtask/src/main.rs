@@ -3,12 +3,14 @@
 mod baselines;
 mod bench;
 mod ci;
+mod docs;
 mod error;
 mod measure;
 mod pairs;
 mod peers;
 mod phantom;
 mod registration;
+mod reports;
 mod scaling;
 
 use std::io::Write;
@@ -34,6 +36,9 @@ enum Command {
     BenchRegistration(registration::Arguments),
     Scaling(scaling::Arguments),
     MakePhantom(phantom::Arguments),
+    CheckReports(reports::Arguments),
+    CheckDocs(docs::Arguments),
+    DrawPictures(docs::PictureArguments),
     Ci(ci::Arguments),
     /// One run of our side of `bench-peers`, in a process of its own.
     #[command(hide = true)]
@@ -52,6 +57,9 @@ fn main() -> ExitCode {
         Command::MeasurePair(arguments) => arguments.run(),
         Command::MeasureStage(arguments) => arguments.run(),
         Command::MakePhantom(arguments) => arguments.run(),
+        Command::CheckReports(arguments) => arguments.run(),
+        Command::CheckDocs(arguments) => arguments.run(),
+        Command::DrawPictures(arguments) => arguments.run(),
         Command::Ci(arguments) => arguments.run(),
     };
     match outcome {

@@ -15,7 +15,7 @@ use pedicle_spectral::LaplaceBasis;
 use crate::FmapError;
 
 /// A linear map of functions on the source to functions on the target, in their Laplace bases.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct FunctionalMap {
     /// C, k_target × k_source: coefficients b = C a.
     pub matrix: Mat<f64>,

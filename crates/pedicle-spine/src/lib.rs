@@ -76,7 +76,7 @@ mod verdict;
 
 pub use error::{Shape, SpineError};
 pub use hypotheses::Origin;
-pub use map::{MapReport, View};
+pub use map::{MapDetail, MapReport, View};
 pub use model::{MAX_LANDMARK_DISTANCE_MM, MAX_PLAN_DISTANCE_MM, SourceVertebra, SpineModel};
 pub use options::{MapOptions, SearchOptions, TransferOptions, VerdictOptions};
 pub use rejection::Rejection;

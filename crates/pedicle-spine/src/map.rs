@@ -8,7 +8,10 @@ use pedicle_descriptors::{
     HeatTimes, WaveEnergies, concatenate_columns, heat_kernel_from_landmark, heat_kernel_signature,
     normalize_columns, wave_kernel_from_landmark, wave_kernel_signature,
 };
-use pedicle_fmap::{FitOptions, bcicp, coverage, fit, zoomout};
+use pedicle_fmap::{
+    FitOptions, FunctionalMap, bcicp, coverage, fit, functional_from_point_map, zoomout,
+};
+use pedicle_mesh::TriMesh;
 use pedicle_registration::{MsacOptions, msac};
 use pedicle_spectral::LaplaceBasis;
 
@@ -42,6 +45,25 @@ pub struct MapReport {
     /// For each vertebra the pose `target_from_source` of MSAC, before any refinement; none if
     /// there was no consensus.
     pub poses: Vec<Option<Isometry3<f64>>>,
+    /// The map itself, for pictures.
+    pub detail: MapDetail,
+}
+
+/// The functional map between the simplified surfaces.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MapDetail {
+    /// The source as the map saw it, in the source frame, mm.
+    pub source: TriMesh,
+    /// The target as the map saw it, in the target frame, mm.
+    pub target: TriMesh,
+    /// One source vertex for every target vertex.
+    pub source_of_target: Vec<u32>,
+    /// The functional map of this point map, k_target × k_source.
+    pub functional_map: FunctionalMap,
+    /// Eigenvalues of the source, 1/mm².
+    pub source_eigenvalues: Vec<f64>,
+    /// Eigenvalues of the target, 1/mm².
+    pub target_eigenvalues: Vec<f64>,
 }
 
 /// The poses of all vertebrae by the map, if it gave one for each.
@@ -117,6 +139,20 @@ pub(crate) fn map_poses(
     )?;
     let point_map = &refined.target_to_source;
 
+    let (n_target, n_source) = (zoomed.map.n_target(), zoomed.map.n_source());
+    let detail = MapDetail {
+        source: source.shape.mesh.clone(),
+        target: target.mesh.clone(),
+        source_of_target: point_map.source_of_target.clone(),
+        functional_map: functional_from_point_map(
+            &source.shape.basis,
+            &target.basis,
+            point_map,
+            (n_target, n_source),
+        )?,
+        source_eigenvalues: source.shape.basis.eigenvalues.clone(),
+        target_eigenvalues: target.basis.eigenvalues.clone(),
+    };
     let estimate = poses_from_pairs(model, source, target, &point_map.source_of_target, options);
     Ok(MapResult {
         poses: estimate.poses,
@@ -127,6 +163,7 @@ pub(crate) fn map_poses(
             n_mapped: estimate.n_mapped,
             inlier_share: estimate.inlier_share,
             poses: estimate.found,
+            detail,
         },
     })
 }

@@ -1,8 +1,10 @@
 //! The pre-operative spine, prepared once and used for any number of targets.
 
 use nalgebra::Point3;
-use pedicle_mesh::{TriMesh, concatenate};
-use pedicle_trajectory::{AnatomicalFrame, Landmarks, Level, Plan, anatomical_frames};
+use pedicle_mesh::{SurfaceIndex, TriMesh, concatenate};
+use pedicle_trajectory::{
+    AnatomicalFrame, Landmarks, Level, Pedicle, Plan, Side, anatomical_frames,
+};
 
 use crate::bone::BoneSurface;
 use crate::free_space::Patch;
@@ -190,6 +192,27 @@ impl SpineModel {
     #[must_use]
     pub fn centroid(&self, level: Level) -> Point3<f64> {
         self.vertebrae[level.index()].bone.centroid()
+    }
+
+    /// Anatomical directions of a vertebra in the source frame.
+    #[must_use]
+    pub fn frame(&self, level: Level) -> &AnatomicalFrame {
+        &self.vertebrae[level.index()].frame
+    }
+
+    /// A pedicle in the source frame; none where it could not be measured.
+    #[must_use]
+    pub fn pedicle(&self, level: Level, side: Side) -> Option<&Pedicle> {
+        self.vertebrae[level.index()]
+            .anatomy
+            .as_ref()?
+            .pedicle(side)
+    }
+
+    /// The full-resolution surface of a vertebra, ready for queries; none where it has no index.
+    #[must_use]
+    pub fn surface(&self, level: Level) -> Option<&SurfaceIndex> {
+        Some(self.vertebrae[level.index()].anatomy.as_ref()?.surface())
     }
 
     /// Whether every trajectory of a plan lies on the vertebra and the side that it names.

@@ -66,6 +66,14 @@ impl Anatomy {
         })
     }
 
+    pub(crate) fn pedicle(&self, side: Side) -> Option<&Pedicle> {
+        self.pedicles[side as usize].as_ref()
+    }
+
+    pub(crate) fn surface(&self) -> &SurfaceIndex {
+        &self.surface
+    }
+
     /// Clearance of a planned screw, mm, and depth of the isthmus below its entry, mm.
     fn clearance(&self, planned: &Trajectory, frame: &AnatomicalFrame) -> Option<(f64, f64)> {
         let pedicle = self.pedicles[planned.side as usize].as_ref()?;

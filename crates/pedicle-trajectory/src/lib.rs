@@ -10,7 +10,7 @@
 //! | files (`.ron`, `.json`) | [`read_plan`], [`write_plan`], [`read_landmarks`], [`write_landmarks`] |
 //! | how far off is still safe | [`SafetyMargins`] |
 //! | directions of a spine from its shape | [`anatomical_frames`], [`spinous_process_tip`] |
-//! | a pedicle's place and size | [`measure_pedicle`] |
+//! | a pedicle's place and size | [`measure_pedicle`], [`IsthmusSection`] |
 //! | does a screw stay inside | [`check_trajectory`] |
 //! | a plan to start from | [`plan_pedicle`], [`plan_spine`] |
 //!
@@ -41,6 +41,7 @@ mod check;
 mod depth;
 mod formats;
 mod frame;
+mod isthmus;
 mod margins;
 mod names;
 mod pedicle;
@@ -55,6 +56,7 @@ pub use check::{
 };
 pub use formats::{FormatError, read_landmarks, read_plan, write_landmarks, write_plan};
 pub use frame::{AnatomicalFrame, anatomical_frames, spinous_process_tip};
+pub use isthmus::IsthmusSection;
 pub use margins::{MarginError, SafetyMargins};
 pub use names::UnknownName;
 pub use pedicle::{Pedicle, PedicleOptions, measure_pedicle};

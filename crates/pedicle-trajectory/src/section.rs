@@ -7,7 +7,7 @@ use nalgebra::{Point2, Point3, Vector2, Vector3};
 use pedicle_mesh::TriMesh;
 
 /// A plane with axes: x × y is its normal.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Plane {
     pub(crate) origin: Point3<f64>,
     pub(crate) x: Vector3<f64>,

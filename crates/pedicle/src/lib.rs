@@ -2,6 +2,7 @@
 //!
 //! - [`read_spine`], [`landmarks_from_shape`], [`plan_from_shape`]: a spine from files
 //! - [`TransferFile`], [`write_json`]: the result of a transfer as JSON
+//! - [`report`]: pages that show a transfer or a map
 //! - [`shape`]: spectra of any mesh and maps between any two
 //! - [`write_text`]: any text, whole or not at all
 //! - [`commands`]: the commands themselves, with their arguments
@@ -18,6 +19,7 @@
 
 pub mod commands;
 mod error;
+pub mod report;
 mod result_file;
 pub mod shape;
 mod spine_files;

@@ -6,6 +6,7 @@ pub(crate) mod case;
 mod cell;
 mod gates;
 mod limit;
+mod page;
 mod published;
 mod report;
 mod score;
@@ -70,6 +71,12 @@ pub(crate) struct Arguments {
     /// Write the tables as Markdown.
     #[arg(long, value_name = "FILE")]
     markdown: Option<PathBuf>,
+    /// Write a page with the figures: one .html file for any browser, no network needed.
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+    /// Put the time for each stage on the page: it then differs from run to run.
+    #[arg(long, requires = "report")]
+    report_times: bool,
     /// Gates to hold the figures of the suite paper against; fixtures/gates.ron by default.
     #[arg(long, value_name = "FILE")]
     gates: Option<PathBuf>,
@@ -175,6 +182,25 @@ impl Arguments {
         if let Some(path) = &self.markdown {
             documents.push(format!("{conclusion}\n"));
             pedicle::write_text(path, &documents.join("\n"))?;
+        }
+        if let Some(path) = &self.report {
+            let suites: Vec<page::SuitePage<'_>> = outcome
+                .scores
+                .iter()
+                .zip(&files)
+                .map(|((suite, scores), file)| page::SuitePage {
+                    suite: *suite,
+                    scores,
+                    cells: &file.cells,
+                })
+                .collect();
+            let heading = page::Heading {
+                spine: &outcome.name,
+                seed: self.seed,
+                draws: self.draws,
+                has_times: self.report_times,
+            };
+            pedicle::write_text(path, &page::page(&heading, &suites).html())?;
         }
         if let Some(path) = &self.json {
             match files.pop() {

@@ -32,6 +32,22 @@ pub(crate) fn interpreter(given: Option<&Path>, requirements: &str) -> Result<Pa
     Ok(python)
 }
 
+/// Adds packages of which only the files are wanted: what they would pull in is not installed.
+pub(crate) fn add_alone(python: &Path, requirements: &str) -> Result<(), XtaskError> {
+    let options = [
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--disable-pip-version-check",
+        "--no-deps",
+        "-r",
+    ];
+    run(Command::new(python)
+        .args(options)
+        .arg(peers_folder().join(requirements)))
+}
+
 /// A script that runs peers.
 pub(crate) fn driver(name: &str) -> PathBuf {
     peers_folder().join(name)

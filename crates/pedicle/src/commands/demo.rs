@@ -17,7 +17,9 @@ use pedicle_spine::{
 use pedicle_trajectory::{SafetyMargins, write_landmarks, write_plan};
 
 use super::{exit_code, say, table::transfer_tables};
-use crate::{Error, TransferFile, write_json};
+use crate::report::{TransferReport, transfer_page};
+use crate::shape::check_output;
+use crate::{Error, TransferFile, write_json, write_text};
 
 /// Faces of the simulated target, as published.
 const N_TARGET_FACES: usize = 3500;
@@ -37,6 +39,9 @@ pub(super) struct Arguments {
     /// Write the result as JSON.
     #[arg(long, value_name = "OUT")]
     json: Option<PathBuf>,
+    /// Write a page that shows the result beside the truth: one .html file for any browser.
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
     /// Write the demo's files to a folder, to try `pedicle transfer` on them.
     #[arg(long, value_name = "DIR")]
     save: Option<PathBuf>,
@@ -54,6 +59,9 @@ enum DemoDeformation {
 
 impl Arguments {
     pub(super) fn run(self) -> Result<ExitCode, Error> {
+        if let Some(path) = &self.report {
+            check_output(path, Some(".html"))?;
+        }
         let phantom = generate_phantom(&PhantomParameters::default(), &MeshingOptions::default())?;
         let plan = phantom.plan();
         let source: Vec<SourceVertebra> = phantom
@@ -113,10 +121,31 @@ impl Arguments {
             context: "the phantom".to_owned(),
             error: Box::new(error),
         };
+        let shown = self.report.as_ref().map(|_| source.clone());
         let model = SpineModel::new(source, &landmarks, &MapOptions::default()).map_err(refused)?;
         let result = transfer(&model, &plan, &target, &options).map_err(refused)?;
         if let Some(path) = &self.json {
             write_json(path, &TransferFile::from(&result))?;
+        }
+        if let (Some(path), Some(source)) = (&self.report, &shown) {
+            let truth: Vec<_> = simulated
+                .truth
+                .iter()
+                .map(|t| t.target_from_source)
+                .collect();
+            let page = transfer_page(&TransferReport {
+                subtitle: &format!(
+                    "Phantom spine, {} target with noise of {} mm, seed {}; blue is the truth",
+                    scenario.deformation, self.noise_mm, self.seed
+                ),
+                source,
+                model: &model,
+                plan: &plan,
+                target: &target,
+                transfer: &result,
+                truth: Some(&truth),
+            });
+            write_text(path, &page.html())?;
         }
         say(&format!(
             "Phantom spine, {:?} target of {} vertices, noise {} mm, seed {}.\n",

@@ -11,12 +11,13 @@ use pedicle_fmap::{OrientationBehaviour, PointMap};
 use pedicle_mesh::{TriMesh, WriteOptions, read_mesh, write_mesh};
 
 use super::{at_least_one, exit_code, progress::progress_bar, say};
+use crate::report::map_page;
 use crate::shape::{
     ColoredShape, MapFile, MapShapesOptions, MapStage, NamedShape, OperatorChoice, Refinement,
     Scale, ShapeEntry, check_output, glb_bytes, map_shapes, mean_image_distance,
     pulled_back_colors, read_vertex_pairs, side_by_side, smooth_colors, write_bytes,
 };
-use crate::{Error, write_json};
+use crate::{Error, write_json, write_text};
 
 /// Map a shape to another: one vertex of A (the source) for every vertex of B (the target).
 #[derive(Debug, Args)]
@@ -42,6 +43,9 @@ pub(super) struct Arguments {
     /// Write the same picture as binary glTF, .glb.
     #[arg(long, value_name = "OUT")]
     glb: Option<PathBuf>,
+    /// Write a page that shows the map: one .html file for any browser, no network needed.
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
     /// How the Laplacians are made.
     #[arg(long, value_enum, default_value_t = OperatorChoice::Robust)]
     operator: OperatorChoice,
@@ -104,6 +108,7 @@ impl Arguments {
             (&self.json, None),
             (&self.ply, Some(".ply")),
             (&self.glb, Some(".glb")),
+            (&self.report, Some(".html")),
         ] {
             if let Some(path) = path {
                 check_output(path, extension)?;
@@ -138,6 +143,15 @@ impl Arguments {
         }
         if let Some(path) = &self.glb {
             write_glb(path, &source_mesh, &target_mesh, point_map)?;
+        }
+        if let Some(path) = &self.report {
+            let page =
+                map_page(&source_mesh, &target_mesh, &map, &file).map_err(|error| Error::Map {
+                    source_path: self.source.clone(),
+                    target_path: self.target.clone(),
+                    error,
+                })?;
+            write_text(path, &page.html())?;
         }
         say(&summary(&file));
         Ok(exit_code(map.source.certified && map.target.certified))

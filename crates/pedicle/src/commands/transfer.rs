@@ -13,7 +13,9 @@ use pedicle_spine::{
 use pedicle_trajectory::{Landmarks, read_landmarks, read_plan};
 
 use super::{exit_code, progress::progress_bar, say, table::transfer_tables};
-use crate::{Error, TransferFile, read_spine, write_json};
+use crate::report::{TransferReport, transfer_page};
+use crate::shape::check_output;
+use crate::{Error, TransferFile, read_spine, write_json, write_text};
 
 /// Carry a plan to a target surface.
 #[derive(Debug, Args)]
@@ -41,6 +43,9 @@ pub(super) struct Arguments {
     /// Write the result as JSON.
     #[arg(long, value_name = "OUT")]
     json: Option<PathBuf>,
+    /// Write a page that shows the result: one .html file for any browser, no network needed.
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
     /// Seed of everything random: the same seed gives the same result.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
@@ -64,10 +69,16 @@ fn point(text: &str) -> Result<Point3<f64>, String> {
 
 /// Steps shown by the progress bar: reading and preparing the source, then the four stages.
 const N_STEPS: u64 = 6;
+/// And one more for a report.
+const N_REPORT_STEPS: u64 = 1;
 
 impl Arguments {
     pub(super) fn run(self) -> Result<ExitCode, Error> {
-        let bar = progress_bar(N_STEPS);
+        if let Some(path) = &self.report {
+            check_output(path, Some(".html"))?;
+        }
+        let n_report_steps = self.report.as_ref().map_or(0, |_| N_REPORT_STEPS);
+        let bar = progress_bar(N_STEPS + n_report_steps);
         bar.set_message("reading the source");
         let vertebrae = read_spine(&self.source)?;
         let plan = read_plan(&self.plan)?;
@@ -85,6 +96,8 @@ impl Arguments {
             seed: self.seed,
             ..TransferOptions::default()
         };
+        // The model keeps what it needs of the surfaces; the page draws them as they are.
+        let source = self.report.as_ref().map(|_| vertebrae.clone());
         let model = SpineModel::new(vertebrae, &source_landmarks, &MapOptions::default())
             .map_err(|error| self.blame(error))?;
         let transfer = transfer_with_progress(&model, &plan, &target, &options, &mut |stage| {
@@ -92,6 +105,20 @@ impl Arguments {
             bar.set_message(stage.to_string());
         })
         .map_err(|error| self.blame(error))?;
+        if let (Some(path), Some(source)) = (&self.report, &source) {
+            bar.inc(1);
+            bar.set_message("report");
+            let page = transfer_page(&TransferReport {
+                subtitle: &format!("seed {}", self.seed),
+                source,
+                model: &model,
+                plan: &plan,
+                target: &target,
+                transfer: &transfer,
+                truth: None,
+            });
+            write_text(path, &page.html())?;
+        }
         bar.finish_and_clear();
 
         if let Some(path) = &self.json {
