@@ -6,6 +6,7 @@
 //! - [`defects`], [`repair`]: what is wrong with a mesh, and what can be removed without a hole.
 //! - [`simplify`]: fewer faces out of the original vertices, component by component.
 //! - [`SurfaceIndex`]: closest points, rays and inside tests.
+//! - [`ScalarGrid`]: the closed surface of samples on a grid.
 //! - [`edge_lengths`], [`volume`], [`angle_weighted_normals`], [`smallest_angle_rad`].
 //!
 //! Lengths are in the unit of the file; the rest of the workspace reads them as millimetres.
@@ -38,6 +39,7 @@ mod defects;
 mod edit;
 mod error;
 pub mod io;
+mod isosurface;
 mod measures;
 mod repair;
 mod simplify;
@@ -52,6 +54,7 @@ pub use io::{
     Encoding, MeshFile, MeshFormat, Part, ReadError, WriteError, WriteOptions, read_mesh,
     read_parts, write_mesh,
 };
+pub use isosurface::{IsoSurface, ScalarGrid};
 pub use measures::{EdgeLengths, angle_weighted_normals, edge_lengths, smallest_angle_rad, volume};
 pub use repair::{RepairOptions, RepairReport, repair};
 pub use simplify::{FaceShare, Simplified, SimplifyOptions, Spacing, simplify};
