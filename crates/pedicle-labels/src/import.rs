@@ -2,10 +2,12 @@
 
 use std::collections::BTreeSet;
 use std::path::Path;
+use std::sync::Mutex;
 
 use nalgebra::Point3;
 use pedicle_mesh::TriMesh;
 use pedicle_trajectory::Level;
+use rayon::prelude::*;
 
 use crate::scheme::{choose, hint};
 use crate::{
@@ -111,7 +113,7 @@ const MAX_STEP_MM: f64 = 100.0;
 pub fn import_label_map(
     path: impl AsRef<Path>,
     options: &ImportOptions,
-    progress: &mut dyn FnMut(ImportStage),
+    progress: &mut (dyn FnMut(ImportStage) + Send),
 ) -> Result<ImportedSpine, LabelError> {
     let path = path.as_ref();
     let wanted: BTreeSet<i64> = match &options.scheme {
@@ -142,13 +144,18 @@ pub fn import_label_map(
         each.check_size(&map)?;
         each.check_border(&map, options)?;
     }
-    let levels = found
-        .iter()
+    let progress = Mutex::new(progress);
+    let levels: Vec<Result<ImportedLevel, LabelError>> = found
+        .par_iter()
         .map(|each| {
-            progress(ImportStage::Surface(each.level));
+            // A poisoned lock means that the caller's own code panicked, which the pool reports.
+            if let Ok(mut progress) = progress.lock() {
+                progress(ImportStage::Surface(each.level));
+            }
             each.import(&map, options)
         })
-        .collect::<Result<_, _>>()?;
+        .collect();
+    let levels = levels.into_iter().collect::<Result<_, _>>()?;
     Ok(ImportedSpine {
         scheme,
         levels,

@@ -16,6 +16,7 @@ mod import;
 mod mask;
 mod nifti;
 mod parts;
+mod placing;
 mod runs;
 mod scheme;
 mod surface;

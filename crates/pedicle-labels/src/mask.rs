@@ -72,6 +72,37 @@ impl Mask {
     }
 }
 
+impl Mask {
+    /// The values at twice the resolution, linear between: sizes, then values.
+    pub(crate) fn doubled(&self) -> ([usize; 3], Vec<f32>) {
+        let (mut size, mut values) = (self.size, self.values.clone());
+        for axis in 0..3 {
+            (size, values) = doubled_along(size, &values, axis);
+        }
+        (size, values)
+    }
+}
+
+/// Puts the mean of every two neighbours along an axis between them.
+fn doubled_along(size: [usize; 3], values: &[f32], axis: usize) -> ([usize; 3], Vec<f32>) {
+    let mut larger = size;
+    larger[axis] = 2 * size[axis] - 1;
+    let stride: usize = size[..axis].iter().product();
+    let n = size[axis];
+    let mut out = Vec::with_capacity(larger.iter().product());
+    for block in values.chunks_exact(stride * n) {
+        for t in 0..n {
+            let layer = &block[t * stride..(t + 1) * stride];
+            out.extend_from_slice(layer);
+            if t + 1 < n {
+                let next = &block[(t + 1) * stride..(t + 2) * stride];
+                out.extend(layer.iter().zip(next).map(|(a, b)| 0.5 * (a + b)));
+            }
+        }
+    }
+    (larger, out)
+}
+
 /// Marks as outside all that the padding reaches over faces without entering the part.
 fn flood_outside(inside: &mut [bool], part: &Part, size: [usize; 3], (low, pad): ([u32; 3], usize)) {
     let [ni, nj, _] = size;
