@@ -57,6 +57,8 @@ const SECOND_LEVEL: f64 = 0.47;
 const VOLUME_TOLERANCE: f64 = 5e-4;
 /// Largest box of a part that is meshed on a finer grid; above it voxels are fine themselves.
 const MAX_REFINED_VOXELS: usize = 1 << 22;
+/// How far faces taken away may move the surface, voxels.
+const MAX_SIMPLIFICATION_VOXELS: f64 = 0.1;
 /// Fewest faces that are worth simplifying.
 const MIN_SIMPLIFIED_FACES: usize = 4000;
 /// Values tried at most.
@@ -124,7 +126,7 @@ pub fn surface_of_part(
 /// The surface at the middle level, in voxels of the mask.
 ///
 /// On a grid of half the voxels, cells with two sheets are rarer and resolving them costs less than
-/// a quarter of a voxel; two of three faces are then taken away again.
+/// a quarter of a voxel; up to three of four faces are then taken away again.
 fn meshed(mask: &Mask) -> Result<TriMesh, MeshError> {
     let refine = mask.values.len() <= MAX_REFINED_VOXELS;
     let (size, values, scale) = if refine {
@@ -142,9 +144,10 @@ fn meshed(mask: &Mask) -> Result<TriMesh, MeshError> {
     }
     let options = SimplifyOptions {
         spacing: Spacing::Adaptive,
+        max_error_mm: Some(MAX_SIMPLIFICATION_VOXELS),
         ..SimplifyOptions::default()
     };
-    let simplified = simplify(&net, net.n_faces() / 3, &options)?.mesh;
+    let simplified = simplify(&net, net.n_faces() / 4, &options)?.mesh;
     // What could not be simplified without a pinch stays as it was.
     Ok(if is_closed_manifold(&simplified) { simplified } else { net })
 }

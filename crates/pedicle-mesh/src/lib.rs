@@ -1,7 +1,7 @@
 //! Validated triangle meshes: topology, measures, repair, simplification, closest points, formats.
 //!
 //! - [`TriMesh`]: a mesh that exists has finite vertices and valid indices; [`concatenate`].
-//! - [`read_mesh`], [`write_mesh`], [`read_parts`]: PLY, STL, OBJ and OFF.
+//! - [`read_mesh`], [`write_mesh`], [`read_parts`]: PLY, STL, OBJ, OFF and VTP; [`Space`] tells RAS from LPS.
 //! - [`topology`]: components, boundary loops, manifoldness, genus, neighbours.
 //! - [`defects`], [`repair`]: what is wrong with a mesh, and what can be removed without a hole.
 //! - [`simplify`]: fewer faces out of the original vertices, component by component.
@@ -51,8 +51,8 @@ mod trimesh;
 pub use defects::{Defects, defects};
 pub use error::MeshError;
 pub use io::{
-    Encoding, MeshFile, MeshFormat, Part, ReadError, WriteError, WriteOptions, read_mesh,
-    read_parts, write_mesh,
+    Encoding, MeshFile, MeshFormat, Part, ReadError, Space, WriteError, WriteOptions,
+    read_mesh, read_parts, space_of, write_mesh,
 };
 pub use isosurface::{IsoSurface, ScalarGrid};
 pub use measures::{EdgeLengths, angle_weighted_normals, edge_lengths, smallest_angle_rad, volume};
