@@ -1,11 +1,12 @@
 //! Validated triangle meshes: topology, measures, repair, simplification, closest points, formats.
 //!
 //! - [`TriMesh`]: a mesh that exists has finite vertices and valid indices; [`concatenate`].
-//! - [`read_mesh`], [`write_mesh`], [`read_parts`]: PLY, STL, OBJ and OFF.
+//! - [`read_mesh`], [`write_mesh`], [`read_parts`]: PLY, STL, OBJ, OFF and VTP; [`Space`] tells RAS from LPS.
 //! - [`topology`]: components, boundary loops, manifoldness, genus, neighbours.
 //! - [`defects`], [`repair`]: what is wrong with a mesh, and what can be removed without a hole.
 //! - [`simplify`]: fewer faces out of the original vertices, component by component.
 //! - [`SurfaceIndex`]: closest points, rays and inside tests.
+//! - [`ScalarGrid`]: the closed surface of samples on a grid.
 //! - [`edge_lengths`], [`volume`], [`angle_weighted_normals`], [`smallest_angle_rad`].
 //!
 //! Lengths are in the unit of the file; the rest of the workspace reads them as millimetres.
@@ -38,6 +39,7 @@ mod defects;
 mod edit;
 mod error;
 pub mod io;
+mod isosurface;
 mod measures;
 mod repair;
 mod simplify;
@@ -49,9 +51,10 @@ mod trimesh;
 pub use defects::{Defects, defects};
 pub use error::MeshError;
 pub use io::{
-    Encoding, MeshFile, MeshFormat, Part, ReadError, WriteError, WriteOptions, read_mesh,
-    read_parts, write_mesh,
+    Encoding, MeshFile, MeshFormat, Part, ReadError, Space, WriteError, WriteOptions,
+    read_mesh, read_parts, space_of, write_mesh,
 };
+pub use isosurface::{IsoSurface, ScalarGrid};
 pub use measures::{EdgeLengths, angle_weighted_normals, edge_lengths, smallest_angle_rad, volume};
 pub use repair::{RepairOptions, RepairReport, repair};
 pub use simplify::{FaceShare, Simplified, SimplifyOptions, Spacing, simplify};

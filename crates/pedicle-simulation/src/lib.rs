@@ -51,7 +51,6 @@ mod case;
 mod coverage;
 mod cut;
 mod error;
-mod grid;
 mod landmarks;
 mod meshing;
 pub mod metrics;

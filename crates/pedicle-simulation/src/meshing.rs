@@ -4,17 +4,14 @@
 //! exact surface ([`crate::placing`]). Should a grid not give one closed manifold that looks
 //! outwards, the next one is a little finer.
 
-use fast_surface_nets::ndshape::{RuntimeShape, Shape};
-use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
 use nalgebra::{Point3, Vector3};
 use pedicle_mesh::{
-    TriMesh, boundary_loops, connected_components, is_closed_manifold, non_manifold_edges,
+    ScalarGrid, TriMesh, boundary_loops, connected_components, is_closed_manifold, non_manifold_edges,
     non_manifold_vertices,
 };
 use pedicle_trajectory::Level;
 
 use crate::SimulationError;
-use crate::grid::Grid;
 use crate::placing::Placing;
 use crate::spine::SpineShape;
 
@@ -89,11 +86,8 @@ fn extract(spine: &SpineShape, level: Level, cell_mm: f64) -> (Vec<Point3<f64>>,
     let (low, high) = spine.bounds(level);
     let size: [u32; 3] =
         std::array::from_fn(|axis| ((high[axis] - low[axis]) / cell_mm).ceil() as u32 + 1);
-    let shape = RuntimeShape::<u32, 3>::new(size);
-    let mut grid = Grid {
-        size,
-        samples: Vec::with_capacity(shape.usize()),
-    };
+    let n_samples = size.iter().map(|&n| n as usize).product();
+    let mut samples = Vec::with_capacity(n_samples);
     for z in 0..size[2] {
         for y in 0..size[1] {
             let mut left = 0;
@@ -108,39 +102,17 @@ fn extract(spine: &SpineShape, level: Level, cell_mm: f64) -> (Vec<Point3<f64>>,
                 } else {
                     left -= 1;
                 }
-                grid.samples.push(value as f32);
+                samples.push(value as f32);
             }
         }
     }
-    let mut net = SurfaceNetsBuffer::default();
-    grid.disambiguate();
-    surface_nets(&grid.samples, &shape, [0; 3], size.map(|n| n - 1), &mut net);
-    let points: Vec<Point3<f64>> = net
-        .positions
+    let surface = ScalarGrid::new(size, samples).surface();
+    let points = surface
+        .points
         .iter()
-        .map(|p| low + Vector3::from_fn(|axis, _| f64::from(p[axis]) * cell_mm))
+        .map(|p| low + p.coords * cell_mm)
         .collect();
-    let mut faces: Vec<[u32; 3]> = net
-        .indices
-        .chunks_exact(3)
-        .map(|f| [f[0], f[1], f[2]])
-        .collect();
-    if signed_volume(&points, &faces) < 0.0 {
-        for face in &mut faces {
-            face.swap(1, 2);
-        }
-    }
-    (points, faces)
-}
-
-fn signed_volume(points: &[Point3<f64>], faces: &[[u32; 3]]) -> f64 {
-    faces
-        .iter()
-        .map(|f| {
-            let [a, b, c] = f.map(|v| points[v as usize].coords);
-            a.dot(&b.cross(&c)) / 6.0
-        })
-        .sum()
+    (points, surface.faces)
 }
 
 /// What keeps a surface from being one closed manifold that looks outwards.

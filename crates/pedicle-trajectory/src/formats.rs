@@ -16,6 +16,9 @@
 //! ```text
 //! {"landmarks": [{"level": "L4", "position_mm": [1, 2, 3]}]}
 //! ```
+//!
+//! A `.json` file with `markups` is one of 3D Slicer's: its points come in RAS, or in the space
+//! asked for, whatever the file's own. `.mrk.json` files are written as such.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
@@ -25,6 +28,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
+use pedicle_mesh::Space;
+
+use crate::markups::{self, MarkupsError, MarkupsOptions};
 use crate::{LandmarkError, Landmarks, Plan, PlanError};
 
 /// Why a plan or landmark file could not be read or written.
@@ -87,6 +93,14 @@ pub enum FormatError {
         /// What is wrong.
         message: String,
     },
+    /// A Markups file that cannot be used.
+    #[error("{}: {source}", path.display())]
+    Markups {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        source: MarkupsError,
+    },
     /// The numbers make no plan.
     #[error("{}: {source}", path.display())]
     Plan {
@@ -110,8 +124,26 @@ pub enum FormatError {
 /// # Errors
 /// [`FormatError`] naming the file and the line and column, or the trajectory that is wrong.
 pub fn read_plan(path: impl AsRef<Path>) -> Result<Plan, FormatError> {
+    read_plan_with(path, &MarkupsOptions::default())
+}
+
+/// Reads and checks a plan; the options tell what to make of a Markups file.
+///
+/// # Errors
+/// [`FormatError`] as [`read_plan`].
+pub fn read_plan_with(
+    path: impl AsRef<Path>,
+    options: &MarkupsOptions,
+) -> Result<Plan, FormatError> {
     let path = path.as_ref();
-    let plan: Plan = read(path)?;
+    let refused = |source| FormatError::Markups {
+        path: path.to_owned(),
+        source,
+    };
+    let plan: Plan = match read(path)? {
+        Content::Own(plan) => plan,
+        Content::Markups(file) => file.plan(options).map_err(refused)?,
+    };
     plan.validate().map_err(|source| FormatError::Plan {
         path: path.to_owned(),
         source,
@@ -124,12 +156,24 @@ pub fn read_plan(path: impl AsRef<Path>) -> Result<Plan, FormatError> {
 /// # Errors
 /// [`FormatError`] if the plan is wrong or the file cannot be written.
 pub fn write_plan(path: impl AsRef<Path>, plan: &Plan) -> Result<(), FormatError> {
+    write_plan_in(path, plan, Space::Ras)
+}
+
+/// Checks and writes a plan whose points are in `space`, which matters for `.mrk.json` only.
+///
+/// # Errors
+/// [`FormatError`] as [`write_plan`].
+pub fn write_plan_in(
+    path: impl AsRef<Path>,
+    plan: &Plan,
+    space: Space,
+) -> Result<(), FormatError> {
     let path = path.as_ref();
     plan.validate().map_err(|source| FormatError::Plan {
         path: path.to_owned(),
         source,
     })?;
-    write(path, plan)
+    write(path, plan, || markups::plan_text(plan, space))
 }
 
 /// Reads and checks landmarks.
@@ -137,8 +181,22 @@ pub fn write_plan(path: impl AsRef<Path>, plan: &Plan) -> Result<(), FormatError
 /// # Errors
 /// [`FormatError`] naming the file and the line and column, or the landmark that is wrong.
 pub fn read_landmarks(path: impl AsRef<Path>) -> Result<Landmarks, FormatError> {
+    read_landmarks_in(path, Space::Ras)
+}
+
+/// Reads and checks landmarks; those of a Markups file come in `space`.
+///
+/// # Errors
+/// [`FormatError`] as [`read_landmarks`].
+pub fn read_landmarks_in(path: impl AsRef<Path>, space: Space) -> Result<Landmarks, FormatError> {
     let path = path.as_ref();
-    let landmarks: Landmarks = read(path)?;
+    let landmarks: Landmarks = match read(path)? {
+        Content::Own(landmarks) => landmarks,
+        Content::Markups(file) => file.landmarks(space).map_err(|source| FormatError::Markups {
+            path: path.to_owned(),
+            source,
+        })?,
+    };
     landmarks
         .validate()
         .map_err(|source| FormatError::Landmarks {
@@ -153,6 +211,18 @@ pub fn read_landmarks(path: impl AsRef<Path>) -> Result<Landmarks, FormatError> 
 /// # Errors
 /// [`FormatError`] if the landmarks are wrong or the file cannot be written.
 pub fn write_landmarks(path: impl AsRef<Path>, landmarks: &Landmarks) -> Result<(), FormatError> {
+    write_landmarks_in(path, landmarks, Space::Ras)
+}
+
+/// Checks and writes landmarks whose points are in `space`, which matters for `.mrk.json` only.
+///
+/// # Errors
+/// [`FormatError`] as [`write_landmarks`].
+pub fn write_landmarks_in(
+    path: impl AsRef<Path>,
+    landmarks: &Landmarks,
+    space: Space,
+) -> Result<(), FormatError> {
     let path = path.as_ref();
     landmarks
         .validate()
@@ -160,7 +230,9 @@ pub fn write_landmarks(path: impl AsRef<Path>, landmarks: &Landmarks) -> Result<
             path: path.to_owned(),
             source,
         })?;
-    write(path, landmarks)
+    write(path, landmarks, || {
+        markups::landmarks_text(landmarks, space)
+    })
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -192,7 +264,29 @@ fn syntax_of(path: &Path) -> Result<Syntax, FormatError> {
     }
 }
 
-fn read<T: DeserializeOwned>(path: &Path) -> Result<T, FormatError> {
+/// What a file of plans or landmarks turned out to be.
+enum Content<T> {
+    Own(T),
+    Markups(markups::File),
+}
+
+/// Whether a file holds landmarks and no plan: a Markups file with fiducials, or one of ours with
+/// `landmarks`.
+///
+/// # Errors
+/// [`FormatError`] if the file cannot be read, or is not even well-formed.
+pub fn holds_landmarks(path: impl AsRef<Path>) -> Result<bool, FormatError> {
+    let path = path.as_ref();
+    let is_plan = match read::<Plan>(path) {
+        Ok(Content::Markups(file)) => return Ok(file.has_fiducials()),
+        Ok(Content::Own(_)) => true,
+        Err(FormatError::Syntax { .. }) => false,
+        Err(error) => return Err(error),
+    };
+    Ok(!is_plan && read::<Landmarks>(path).is_ok())
+}
+
+fn read<T: DeserializeOwned>(path: &Path) -> Result<Content<T>, FormatError> {
     let syntax = syntax_of(path)?;
     let bytes = fs::read(path).map_err(|source| FormatError::Read {
         path: path.to_owned(),
@@ -205,8 +299,9 @@ fn read<T: DeserializeOwned>(path: &Path) -> Result<T, FormatError> {
     // Editors on some systems put a byte order mark first.
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let parsed = match syntax {
-        Syntax::Json => parse_json(text),
-        Syntax::Ron => parse_ron(text),
+        Syntax::Json if markups::is_markups(text) => parse_json(text).map(Content::Markups),
+        Syntax::Json => parse_json(text).map(Content::Own),
+        Syntax::Ron => parse_ron(text).map(Content::Own),
     };
     parsed.map_err(|complaint| {
         let Complaint {
@@ -265,12 +360,23 @@ fn parse_ron<T: DeserializeOwned>(text: &str) -> Result<T, Complaint> {
     })
 }
 
-fn write<T: Serialize>(path: &Path, value: &T) -> Result<(), FormatError> {
+/// Whether the name asks for one of 3D Slicer's files.
+fn is_markups_name(path: &Path) -> bool {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    name.to_ascii_lowercase().ends_with(".mrk.json")
+}
+
+fn write<T: Serialize>(
+    path: &Path,
+    value: &T,
+    as_markups: impl FnOnce() -> serde_json::Result<String>,
+) -> Result<(), FormatError> {
     let refused = |source: io::Error| FormatError::Write {
         path: path.to_owned(),
         source,
     };
     let mut text = match syntax_of(path)? {
+        Syntax::Json if is_markups_name(path) => as_markups().map_err(|e| refused(e.into()))?,
         Syntax::Json => serde_json::to_string_pretty(value).map_err(|e| refused(e.into()))?,
         Syntax::Ron => {
             // One trajectory a line reads as a table.

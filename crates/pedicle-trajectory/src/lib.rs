@@ -7,7 +7,7 @@
 //! | what | where |
 //! |---|---|
 //! | names, screws, landmarks | [`Level`], [`Side`], [`Trajectory`], [`Plan`], [`Landmarks`] |
-//! | files (`.ron`, `.json`) | [`read_plan`], [`write_plan`], [`read_landmarks`], [`write_landmarks`] |
+//! | files (`.ron`, `.json`, 3D Slicer's `.mrk.json`) | [`read_plan`], [`write_plan`], [`read_landmarks`], [`write_landmarks`] |
 //! | how far off is still safe | [`SafetyMargins`] |
 //! | directions of a spine from its shape | [`anatomical_frames`], [`spinous_process_tip`] |
 //! | a pedicle's place and size | [`measure_pedicle`], [`IsthmusSection`] |
@@ -43,6 +43,7 @@ mod formats;
 mod frame;
 mod isthmus;
 mod margins;
+mod markups;
 mod names;
 mod pedicle;
 mod plan;
@@ -54,10 +55,14 @@ pub use anatomy_error::AnatomyError;
 pub use check::{
     BreachDirection, CheckOptions, ClearanceSample, TrajectoryCheck, Zone, check_trajectory,
 };
-pub use formats::{FormatError, read_landmarks, read_plan, write_landmarks, write_plan};
+pub use formats::{
+    FormatError, holds_landmarks, read_landmarks, read_landmarks_in, read_plan, read_plan_with,
+    write_landmarks, write_landmarks_in, write_plan, write_plan_in,
+};
 pub use frame::{AnatomicalFrame, anatomical_frames, spinous_process_tip};
 pub use isthmus::IsthmusSection;
 pub use margins::{MarginError, SafetyMargins};
+pub use markups::{MarkupsError, MarkupsOptions};
 pub use names::UnknownName;
 pub use pedicle::{Pedicle, PedicleOptions, measure_pedicle};
 pub use plan::{

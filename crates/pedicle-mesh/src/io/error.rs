@@ -17,8 +17,8 @@ pub enum ReadError {
         /// What the system said.
         source: std::io::Error,
     },
-    /// The extension is none of `.ply`, `.stl`, `.obj`, `.off`.
-    #[error("{path}: the extension {extension:?} is none of ply, stl, obj and off")]
+    /// The extension is none of `.ply`, `.stl`, `.obj`, `.off`, `.vtp`.
+    #[error("{path}: the extension {extension:?} is none of ply, stl, obj, off and vtp")]
     UnknownFormat {
         /// The file.
         path: PathBuf,
@@ -69,7 +69,7 @@ pub enum ReadError {
         labels: [u32; 3],
     },
     /// A directory without any mesh file.
-    #[error("{path}: the directory holds no ply, stl, obj or off file")]
+    #[error("{path}: the directory holds no ply, stl, obj, off or vtp file")]
     NoMeshFile {
         /// The directory.
         path: PathBuf,
@@ -124,8 +124,8 @@ pub enum WriteError {
         /// What the system said.
         source: std::io::Error,
     },
-    /// The extension is none of `.ply`, `.stl`, `.obj`, `.off`.
-    #[error("{path}: the extension {extension:?} is none of ply, stl, obj and off")]
+    /// The extension is none of `.ply`, `.stl`, `.obj`, `.off`, `.vtp`.
+    #[error("{path}: the extension {extension:?} is none of ply, stl, obj, off and vtp")]
     UnknownFormat {
         /// The file.
         path: PathBuf,

@@ -1,4 +1,4 @@
-//! Mesh files: PLY, STL, OBJ and OFF, chosen by the extension.
+//! Mesh files: PLY, STL, OBJ, OFF and VTP, chosen by the extension.
 //!
 //! Readers take nothing on trust: counts are held against the size of the file before anything is
 //! allocated, coordinates must be finite, indices in range, and polygons become fans of triangles.
@@ -10,8 +10,11 @@ mod off;
 mod parts;
 mod ply;
 mod ply_write;
+mod space;
 mod stl;
 mod text;
+mod vtp;
+mod vtp_array;
 
 use std::fs;
 use std::io::{BufWriter, Write};
@@ -19,6 +22,7 @@ use std::path::{Path, PathBuf};
 
 pub use error::{Place, ReadError, WriteError};
 pub use parts::{Part, read_parts};
+pub use space::{Space, space_of};
 
 use crate::TriMesh;
 use text::RawMesh;
@@ -35,6 +39,8 @@ pub enum MeshFormat {
     Obj,
     /// Object file format.
     Off,
+    /// VTK XML polygons.
+    Vtp,
 }
 
 impl MeshFormat {
@@ -46,6 +52,7 @@ impl MeshFormat {
             "stl" => Some(Self::Stl),
             "obj" => Some(Self::Obj),
             "off" => Some(Self::Off),
+            "vtp" => Some(Self::Vtp),
             _ => None,
         }
     }
@@ -70,7 +77,7 @@ pub struct MeshFile {
 pub enum Encoding {
     /// Text, with as many digits as it takes to read the same f64 again.
     Ascii,
-    /// Little-endian binary where the format has it (PLY, STL); text in OBJ and OFF.
+    /// Little-endian binary where the format has it (PLY, STL, base64 in VTP); text in OBJ and OFF.
     #[default]
     Binary,
 }
@@ -84,7 +91,7 @@ pub struct WriteOptions<'a> {
     pub vertex_colors: Option<&'a [[u8; 3]]>,
     /// How numbers are stored. Default: binary.
     pub encoding: Encoding,
-    /// Comments; STL has no room for them and drops them. Default: none.
+    /// Comments; STL has room for one, which names the space (`SPACE=RAS`). Default: none.
     pub comments: Vec<String>,
 }
 
@@ -107,6 +114,7 @@ pub fn read_mesh(path: impl AsRef<Path>) -> Result<MeshFile, ReadError> {
         MeshFormat::Stl => stl::parse(&bytes),
         MeshFormat::Obj => obj::parse(&bytes),
         MeshFormat::Off => off::parse(&bytes),
+        MeshFormat::Vtp => vtp::parse(&bytes),
     };
     let RawMesh {
         vertices,
@@ -128,7 +136,7 @@ pub fn read_mesh(path: impl AsRef<Path>) -> Result<MeshFile, ReadError> {
 
 /// Writes a mesh file, in the format that the extension names.
 ///
-/// PLY, OBJ, OFF and ascii STL keep every bit of the coordinates; binary STL rounds to f32. The
+/// PLY, OBJ, OFF, VTP and ascii STL keep every bit of the coordinates; binary STL rounds to f32. The
 /// file appears complete or not at all.
 ///
 /// # Errors
@@ -146,10 +154,11 @@ pub fn write_mesh(
     check_writable(path, mesh, options, format)?;
     write_atomically(path, |out| match (format, options.encoding) {
         (MeshFormat::Ply, _) => ply_write::write(out, mesh, options),
-        (MeshFormat::Stl, Encoding::Binary) => stl::write_binary(out, mesh),
-        (MeshFormat::Stl, Encoding::Ascii) => stl::write_ascii(out, mesh),
+        (MeshFormat::Stl, Encoding::Binary) => stl::write_binary(out, mesh, &options.comments),
+        (MeshFormat::Stl, Encoding::Ascii) => stl::write_ascii(out, mesh, &options.comments),
         (MeshFormat::Obj, _) => obj::write(out, mesh, &options.comments),
         (MeshFormat::Off, _) => off::write(out, mesh, &options.comments),
+        (MeshFormat::Vtp, _) => vtp::write(out, mesh, &options.comments),
     })
     .map_err(|source| WriteError::Io {
         path: path.to_owned(),

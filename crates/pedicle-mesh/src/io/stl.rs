@@ -42,6 +42,7 @@ pub(crate) fn parse(bytes: &[u8]) -> Result<RawMesh, Problem> {
 }
 
 fn parse_binary(bytes: &[u8]) -> Result<RawMesh, Problem> {
+    let comments = space_comment(&bytes[..80]);
     // A comment in the header must not make the library take the file for text.
     let mut bytes = bytes.to_vec();
     bytes[..80].fill(0);
@@ -56,20 +57,34 @@ fn parse_binary(bytes: &[u8]) -> Result<RawMesh, Problem> {
             push_vertex(&mut corners, place, corner.0.map(f64::from))?;
         }
     }
-    Ok(weld(corners))
+    Ok(RawMesh {
+        comments,
+        ..weld(corners)
+    })
+}
+
+/// The header, if it tells in which space the points are.
+fn space_comment(header: &[u8]) -> Vec<String> {
+    let text = String::from_utf8_lossy(header);
+    let text = text.trim_matches(|c: char| c.is_whitespace() || c == '\0');
+    let tells = text.contains("SPACE=");
+    tells.then(|| text.to_owned()).into_iter().collect()
 }
 
 fn parse_ascii(bytes: &[u8]) -> Result<RawMesh, Problem> {
     let text = String::from_utf8_lossy(bytes);
+    let first_line = text.lines().next().unwrap_or("");
+    let comments = space_comment(first_line.as_bytes());
     let last_line = data_lines(&text).last().map(|(line, _)| line);
-    parse_text(&text).map_err(|problem| match problem {
+    let mesh = parse_text(&text).map_err(|problem| match problem {
         // The last line should end a solid; if it makes no sense the file ends too early.
         Problem::Invalid {
             place: Place::Line(line),
             ..
         } if Some(line) == last_line => Problem::cut_off("endsolid", 1, 0),
         problem => problem,
-    })
+    })?;
+    Ok(RawMesh { comments, ..mesh })
 }
 
 fn parse_text(text: &str) -> Result<RawMesh, Problem> {
@@ -142,7 +157,11 @@ pub(crate) fn fits_f32(mesh: &TriMesh) -> bool {
         .all(|p| p.coords.iter().all(|&c| (c as f32).is_finite()))
 }
 
-pub(crate) fn write_binary(out: &mut impl Write, mesh: &TriMesh) -> std::io::Result<()> {
+pub(crate) fn write_binary(
+    out: &mut impl Write,
+    mesh: &TriMesh,
+    comments: &[String],
+) -> std::io::Result<()> {
     let triangles: Vec<stl_io::Triangle> = (0..mesh.n_faces())
         .map(|face| stl_io::Triangle {
             normal: stl_io::Normal::new(unit_normal(mesh, face).map(|c| c as f32)),
@@ -151,11 +170,24 @@ pub(crate) fn write_binary(out: &mut impl Write, mesh: &TriMesh) -> std::io::Res
                 .map(|p| stl_io::Vertex::new([p.x as f32, p.y as f32, p.z as f32])),
         })
         .collect();
-    stl_io::write_stl(out, triangles.iter())
+    let mut bytes = Vec::new();
+    stl_io::write_stl(&mut bytes, triangles.iter())?;
+    if let Some(space) = super::space_of(comments) {
+        let header = format!("SPACE={space}");
+        bytes[..header.len()].copy_from_slice(header.as_bytes());
+    }
+    out.write_all(&bytes)
 }
 
-pub(crate) fn write_ascii(out: &mut impl Write, mesh: &TriMesh) -> std::io::Result<()> {
-    writeln!(out, "solid mesh")?;
+pub(crate) fn write_ascii(
+    out: &mut impl Write,
+    mesh: &TriMesh,
+    comments: &[String],
+) -> std::io::Result<()> {
+    match super::space_of(comments) {
+        Some(space) => writeln!(out, "solid mesh SPACE={space}")?,
+        None => writeln!(out, "solid mesh")?,
+    }
     for face in 0..mesh.n_faces() {
         let [x, y, z] = unit_normal(mesh, face);
         writeln!(out, "facet normal {x} {y} {z}\n  outer loop")?;

@@ -507,7 +507,7 @@ fn parts_come_from_a_directory_or_from_labels() {
     assert!(
         error
             .to_string()
-            .contains("\"txt\" is none of ply, stl, obj and off"),
+            .contains("\"txt\" is none of ply, stl, obj, off and vtp"),
         "{error}"
     );
 }

@@ -1,15 +1,22 @@
-//! Samples of a solid on a regular grid that surface nets can mesh without pinching.
+//! The surface where samples on a regular grid change their sign, closed and manifold.
+//!
+//!     { x : f(x) = 0 },   f < 0 inside
 //!
 //! Surface nets put one vertex in a cell. Where two opposite corners of a cell's side lie inside
 //! and the other two outside, or only two opposite corners of the cell differ from the rest, two
 //! sheets would share that vertex or an edge: the surface would not be a manifold. This happens
-//! along ridges that run obliquely through the grid. The corner nearest to the surface then
-//! changes its sign, which moves the surface by a fraction of a cell until the vertices are placed.
+//! along ridges that run obliquely through the grid, and between voxels that touch at an edge. The
+//! corner nearest to the surface then changes its sign, which moves the surface by a fraction of a
+//! cell. Gibson 1998, "Constrained elastic surface nets".
+
+use fast_surface_nets::ndshape::RuntimeShape;
+use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
+use nalgebra::Point3;
 
 /// Passes over the grid before giving up.
 const MAX_PASSES: usize = 40;
-/// What a corner that changes its sign is set to, mm.
-const FLIPPED_MM: f32 = 1e-3;
+/// What a corner that changes its sign is set to, in the unit of the samples.
+const FLIPPED: f32 = 1e-3;
 /// The corners of the six sides of a cell, around each side; corner bits are x, y, z.
 const SIDES: [[usize; 4]; 6] = [
     [0, 1, 3, 2],
@@ -20,16 +27,73 @@ const SIDES: [[usize; 4]; 6] = [
     [1, 3, 7, 5],
 ];
 
-/// Samples with x running fastest.
+/// Samples on a regular grid, negative inside; x runs fastest.
 #[derive(Debug, Clone)]
-pub(crate) struct Grid {
-    pub(crate) size: [u32; 3],
-    pub(crate) samples: Vec<f32>,
+pub struct ScalarGrid {
+    size: [u32; 3],
+    samples: Vec<f32>,
 }
 
-impl Grid {
+/// Points in units of the grid's cells, sample (0, 0, 0) at the origin, and faces that look
+/// outwards.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct IsoSurface {
+    /// Vertices, in cells.
+    pub points: Vec<Point3<f64>>,
+    /// Corners of every face, counter-clockwise seen from outside.
+    pub faces: Vec<[u32; 3]>,
+}
+
+impl IsoSurface {
+    /// The volume inside, in cells: Σ a · (b × c) / 6.
+    #[must_use]
+    pub fn volume(&self) -> f64 {
+        self.faces
+            .iter()
+            .map(|f| {
+                let [a, b, c] = f.map(|v| self.points[v as usize].coords);
+                a.dot(&b.cross(&c)) / 6.0
+            })
+            .sum()
+    }
+}
+
+impl ScalarGrid {
+    /// Takes the samples of a grid of `size` points.
+    ///
+    /// # Panics
+    /// If there are not as many samples as the size says, or fewer than two along an axis.
+    #[must_use]
+    pub fn new(size: [u32; 3], samples: Vec<f32>) -> Self {
+        let n: usize = size.iter().map(|&n| n as usize).product();
+        assert_eq!(samples.len(), n, "one sample a point of the grid");
+        assert!(size.iter().all(|&n| n > 1), "a grid has cells");
+        Self { size, samples }
+    }
+
+    /// The surface where the samples change their sign. Where the outermost samples are all
+    /// positive it is closed, and once ambiguous cells are resolved it is a manifold.
+    #[must_use]
+    pub fn surface(mut self) -> IsoSurface {
+        self.disambiguate();
+        let shape = RuntimeShape::<u32, 3>::new(self.size);
+        let mut net = SurfaceNetsBuffer::default();
+        let last = self.size.map(|n| n - 1);
+        surface_nets(&self.samples, &shape, [0; 3], last, &mut net);
+        let mut surface = IsoSurface {
+            points: net.positions.iter().map(|p| Point3::from(p.map(f64::from))).collect(),
+            faces: net.indices.as_chunks::<3>().0.to_vec(),
+        };
+        if surface.volume() < 0.0 {
+            for face in &mut surface.faces {
+                face.swap(1, 2);
+            }
+        }
+        surface
+    }
+
     /// Changes signs until no cell is ambiguous; the number of passes with a change.
-    pub(crate) fn disambiguate(&mut self) -> usize {
+    fn disambiguate(&mut self) -> usize {
         let [nx, ny, nz] = self.size.map(|n| n as usize);
         let offsets: [usize; 8] =
             std::array::from_fn(|c| (c & 1) + ((c >> 1) & 1) * nx + (c >> 2) * nx * ny);
@@ -43,9 +107,9 @@ impl Grid {
                         while let Some(corner) = self.ambiguous_corner(&corners) {
                             let sample = &mut self.samples[corner];
                             *sample = if *sample < 0.0 {
-                                FLIPPED_MM
+                                FLIPPED
                             } else {
-                                -FLIPPED_MM
+                                -FLIPPED
                             };
                             changed = true;
                         }
@@ -79,7 +143,7 @@ impl Grid {
                 let fresh: Vec<usize> = side
                     .iter()
                     .copied()
-                    .filter(|&s| self.samples[corners[s]].abs() > FLIPPED_MM)
+                    .filter(|&s| self.samples[corners[s]].abs() > FLIPPED)
                     .collect();
                 return nearest(if fresh.is_empty() { side } else { &fresh });
             }
@@ -106,10 +170,7 @@ mod tests {
                 if signs >> c & 1 == 1 { -size } else { size }
             })
             .collect();
-        let mut grid = Grid {
-            size: [2, 2, 2],
-            samples,
-        };
+        let mut grid = ScalarGrid::new([2, 2, 2], samples);
         grid.disambiguate();
         grid.ambiguous_corner(&std::array::from_fn(|c| c)).is_some()
     }
@@ -123,10 +184,7 @@ mod tests {
 
     #[test]
     fn a_plain_cell_is_left_alone() {
-        let mut grid = Grid {
-            size: [2, 2, 2],
-            samples: vec![-1.0, 1.0, -1.0, 1.0, -2.0, 2.0, -2.0, 2.0],
-        };
+        let mut grid = ScalarGrid::new([2, 2, 2], vec![-1.0, 1.0, -1.0, 1.0, -2.0, 2.0, -2.0, 2.0]);
         let before = grid.samples.clone();
         assert_eq!(grid.disambiguate(), 0, "nothing to change");
         assert_eq!(grid.samples, before, "the samples stay");
