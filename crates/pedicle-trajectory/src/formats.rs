@@ -25,7 +25,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use crate::{LandmarkError, Landmarks, Plan, PlanError};
+use crate::{Catalogue, CatalogueError, LandmarkError, Landmarks, Plan, PlanError};
 
 /// Why a plan or landmark file could not be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -95,6 +95,14 @@ pub enum FormatError {
         /// What is wrong.
         source: PlanError,
     },
+    /// The numbers make no catalogue.
+    #[error("{}: {source}", path.display())]
+    Catalogue {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        source: CatalogueError,
+    },
     /// The numbers make no landmarks.
     #[error("{}: {source}", path.display())]
     Landmarks {
@@ -130,6 +138,22 @@ pub fn write_plan(path: impl AsRef<Path>, plan: &Plan) -> Result<(), FormatError
         source,
     })?;
     write(path, plan)
+}
+
+/// Reads and checks a catalogue of implants.
+///
+/// # Errors
+/// [`FormatError`] naming the file and the line and column, or the number that is wrong.
+pub fn read_catalogue(path: impl AsRef<Path>) -> Result<Catalogue, FormatError> {
+    let path = path.as_ref();
+    let catalogue: Catalogue = read(path)?;
+    catalogue
+        .validate()
+        .map_err(|source| FormatError::Catalogue {
+            path: path.to_owned(),
+            source,
+        })?;
+    Ok(catalogue)
 }
 
 /// Reads and checks landmarks.

@@ -11,7 +11,10 @@
 //! | how far off is still safe | [`SafetyMargins`] |
 //! | directions of a spine from its shape | [`anatomical_frames`], [`spinous_process_tip`] |
 //! | a pedicle's place and size | [`measure_pedicle`] |
+//! | everything of a spine, with doubts | [`measure_spine`], [`Doubt`], [`Confidence`] |
 //! | does a screw stay inside | [`check_trajectory`] |
+//! | a plan judged as in studies | [`assess_plan`], [`Grade`], [`FacetViolation`] |
+//! | which implants there are | [`Catalogue`], [`read_catalogue`] |
 //! | a plan to start from | [`plan_pedicle`], [`plan_spine`] |
 //!
 //! ```
@@ -36,11 +39,19 @@
 //! # Ok::<(), pedicle_trajectory::MarginError>(())
 //! ```
 
+mod anatomy;
 mod anatomy_error;
+mod assess;
+mod body;
+mod catalogue;
 mod check;
 mod depth;
+mod doubt;
+mod facets;
 mod formats;
 mod frame;
+mod grade;
+mod isthmus;
 mod margins;
 mod names;
 mod pedicle;
@@ -49,11 +60,19 @@ mod planner;
 mod search;
 mod section;
 
+pub use anatomy::{
+    BodyAnatomy, CanalAnatomy, PedicleAnatomy, VertebraAnatomy, measure_spine,
+};
 pub use anatomy_error::AnatomyError;
+pub use assess::{AssessError, NearestScrew, ScrewReport, assess_plan};
+pub use catalogue::{Catalogue, CatalogueError};
 pub use check::{
     BreachDirection, CheckOptions, ClearanceSample, TrajectoryCheck, Zone, check_trajectory,
 };
-pub use formats::{FormatError, read_landmarks, read_plan, write_landmarks, write_plan};
+pub use doubt::{Confidence, Doubt};
+pub use facets::{FacetViolation, articular_points};
+pub use formats::{FormatError, read_catalogue, read_landmarks, read_plan, write_landmarks, write_plan};
+pub use grade::Grade;
 pub use frame::{AnatomicalFrame, anatomical_frames, spinous_process_tip};
 pub use margins::{MarginError, SafetyMargins};
 pub use names::UnknownName;
