@@ -91,6 +91,8 @@ pub struct ClearanceSample {
     pub clearance_mm: f64,
     /// Where this is.
     pub zone: Zone,
+    /// Where the nearest cortex is, or where to the wall has left.
+    pub direction: BreachDirection,
 }
 
 /// What a check found.
@@ -131,6 +133,12 @@ impl TrajectoryCheck {
 const REACH_MM: f64 = 15.0;
 /// Directions of the rays that measure beside the ends of the checked stretch.
 const RAY_DIRECTIONS: usize = 72;
+/// The least clearance is found to this, mm.
+const EXACT_MM: f64 = 0.005;
+/// Stations are not put closer than this, mm.
+const MIN_WAY_MM: f64 = 0.01;
+/// Most stations added in one zone.
+const MAX_ADDED: usize = 400;
 /// Cosine of the angle to the pedicle's axis beyond which a screw cannot be meant to follow it.
 const MIN_ALIGNMENT: f64 = 0.3;
 /// Least station spacing accepted, mm.
@@ -202,28 +210,32 @@ impl Screw<'_> {
         let stretch = isthmus.map(|isthmus| self.stretch(isthmus, bone, options));
         let spacing = options.station_spacing_mm.max(MIN_SPACING_MM);
         let n = ((length / spacing).ceil() as usize).clamp(1, MAX_STATIONS);
-        let mut profile = Vec::with_capacity(n + 1);
+        let mut depths: Vec<f64> = (0..=n).map(|k| length * k as f64 / n as f64).collect();
+        // The places where zones change are stations too.
+        depths.extend(stretch.iter().flat_map(|s| [s.start, s.body]));
+        depths.sort_by(f64::total_cmp);
+        depths.dedup();
+        let mut profile: Vec<ClearanceSample> = depths
+            .into_iter()
+            .map(|depth| self.sample(depth, stretch))
+            .collect();
+        self.find_least(&mut profile, stretch);
         let (mut pedicle, mut body) = (f64::INFINITY, f64::INFINITY);
         let mut worst: Option<Wall> = None;
-        for k in 0..=n {
-            let depth = length * k as f64 / n as f64;
-            let zone = stretch.map_or(Zone::Entry, |s| s.zone(depth));
-            let wall = self.wall(depth, zone, stretch);
-            profile.push(ClearanceSample {
-                depth_mm: depth,
-                clearance_mm: wall.clearance_mm,
-                zone,
-            });
-            match zone {
+        for sample in &profile {
+            match sample.zone {
                 Zone::Entry => continue,
-                Zone::Pedicle => pedicle = pedicle.min(wall.clearance_mm),
-                Zone::Body => body = body.min(wall.clearance_mm),
+                Zone::Pedicle => pedicle = pedicle.min(sample.clearance_mm),
+                Zone::Body => body = body.min(sample.clearance_mm),
             }
             if worst
                 .as_ref()
-                .is_none_or(|w| wall.clearance_mm < w.clearance_mm)
+                .is_none_or(|w| sample.clearance_mm < w.clearance_mm)
             {
-                worst = Some(wall);
+                worst = Some(Wall {
+                    clearance_mm: sample.clearance_mm,
+                    direction: sample.direction,
+                });
             }
         }
         let miss = self.miss(isthmus);
@@ -249,6 +261,50 @@ impl Screw<'_> {
             bone_depth_mm: bone,
             profile,
         }
+    }
+
+    fn sample(&self, depth_mm: f64, stretch: Option<Stretch>) -> ClearanceSample {
+        let zone = stretch.map_or(Zone::Entry, |s| s.zone(depth_mm));
+        let wall = self.wall(depth_mm, zone, stretch);
+        ClearanceSample {
+            depth_mm,
+            clearance_mm: wall.clearance_mm,
+            zone,
+            direction: wall.direction,
+        }
+    }
+
+    /// Adds stations to the judged part of a profile until its least clearance is exact.
+    ///
+    /// A distance changes by no more than the way along the axis. So between stations a and b
+    /// with clearances c_a and c_b none is less than (c_a + c_b - (b - a)) / 2 (Piyavskii 1972),
+    /// and intervals that cannot hold a new least one are left alone.
+    fn find_least(&self, profile: &mut Vec<ClearanceSample>, stretch: Option<Stretch>) {
+        for zone in [Zone::Pedicle, Zone::Body] {
+            let of_zone: Vec<ClearanceSample> =
+                profile.iter().filter(|s| s.zone == zone).copied().collect();
+            let mut least = of_zone
+                .iter()
+                .map(|s| s.clearance_mm)
+                .fold(f64::INFINITY, f64::min);
+            let mut open: Vec<(ClearanceSample, ClearanceSample)> =
+                of_zone.windows(2).map(|w| (w[0], w[1])).collect();
+            let mut n_added = 0;
+            while let Some((a, b)) = open.pop() {
+                let way = b.depth_mm - a.depth_mm;
+                let bound = 0.5 * (a.clearance_mm + b.clearance_mm - way);
+                let done = way < MIN_WAY_MM || n_added >= MAX_ADDED;
+                if done || bound > least - EXACT_MM {
+                    continue;
+                }
+                let middle = self.sample(0.5 * (a.depth_mm + b.depth_mm), stretch);
+                least = least.min(middle.clearance_mm);
+                profile.push(middle);
+                n_added += 1;
+                open.extend([(a, middle), (middle, b)]);
+            }
+        }
+        profile.sort_by(|a, b| a.depth_mm.total_cmp(&b.depth_mm));
     }
 
     /// Where the axis enters the bone.
@@ -299,8 +355,9 @@ impl Screw<'_> {
         let judged = stretch.filter(|s| depth >= s.start);
         let beside = judged.is_none_or(|s| (s.start..=s.end).contains(&(depth + along)));
         let across = to - self.axis * along;
-        // A surface that lies before the beginning or beyond the tip is not beside the screw.
-        let (distance, outward, normal) = if beside {
+        // A surface that lies before the beginning or beyond the tip is not beside the screw. From
+        // outside, the closest point of an oblique wall is not the one at right angles.
+        let (distance, outward, normal) = if beside && inside {
             (across.norm(), across, closest.normal)
         } else {
             self.nearest_by_rays(&x)

@@ -31,7 +31,7 @@ use serde::de::DeserializeOwned;
 use pedicle_mesh::Space;
 
 use crate::markups::{self, MarkupsError, MarkupsOptions};
-use crate::{LandmarkError, Landmarks, Plan, PlanError};
+use crate::{Catalogue, CatalogueError, LandmarkError, Landmarks, Plan, PlanError};
 
 /// Why a plan or landmark file could not be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -109,6 +109,14 @@ pub enum FormatError {
         /// What is wrong.
         source: PlanError,
     },
+    /// The numbers make no catalogue.
+    #[error("{}: {source}", path.display())]
+    Catalogue {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        source: CatalogueError,
+    },
     /// The numbers make no landmarks.
     #[error("{}: {source}", path.display())]
     Landmarks {
@@ -174,6 +182,22 @@ pub fn write_plan_in(
         source,
     })?;
     write(path, plan, || markups::plan_text(plan, space))
+}
+
+/// Reads and checks a catalogue of implants.
+///
+/// # Errors
+/// [`FormatError`] naming the file and the line and column, or the number that is wrong.
+pub fn read_catalogue(path: impl AsRef<Path>) -> Result<Catalogue, FormatError> {
+    let path = path.as_ref();
+    let catalogue: Catalogue = read(path)?;
+    catalogue
+        .validate()
+        .map_err(|source| FormatError::Catalogue {
+            path: path.to_owned(),
+            source,
+        })?;
+    Ok(catalogue)
 }
 
 /// Reads and checks landmarks.

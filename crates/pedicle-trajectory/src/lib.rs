@@ -11,7 +11,10 @@
 //! | how far off is still safe | [`SafetyMargins`] |
 //! | directions of a spine from its shape | [`anatomical_frames`], [`spinous_process_tip`] |
 //! | a pedicle's place and size | [`measure_pedicle`], [`IsthmusSection`] |
+//! | everything of a spine, with doubts | [`measure_spine`], [`Doubt`], [`Confidence`] |
 //! | does a screw stay inside | [`check_trajectory`] |
+//! | a plan judged as in studies | [`assess_plan`], [`Grade`], [`FacetViolation`] |
+//! | which implants there are | [`Catalogue`], [`read_catalogue`] |
 //! | a plan to start from | [`plan_pedicle`], [`plan_spine`] |
 //!
 //! ```
@@ -36,12 +39,20 @@
 //! # Ok::<(), pedicle_trajectory::MarginError>(())
 //! ```
 
+mod anatomy;
 mod anatomy_error;
+mod assess;
+mod body;
+mod catalogue;
 mod check;
 mod depth;
+mod doubt;
+mod facets;
 mod formats;
 mod frame;
+mod grade;
 mod isthmus;
+mod isthmus_section;
 mod margins;
 mod markups;
 mod names;
@@ -51,16 +62,24 @@ mod planner;
 mod search;
 mod section;
 
+pub use anatomy::{
+    BodyAnatomy, CanalAnatomy, PedicleAnatomy, VertebraAnatomy, measure_spine,
+};
 pub use anatomy_error::AnatomyError;
+pub use assess::{AssessError, NearestScrew, ScrewReport, assess_plan};
+pub use catalogue::{Catalogue, CatalogueError};
 pub use check::{
     BreachDirection, CheckOptions, ClearanceSample, TrajectoryCheck, Zone, check_trajectory,
 };
+pub use doubt::{Confidence, Doubt};
+pub use facets::{FacetViolation, articular_points};
 pub use formats::{
-    FormatError, holds_landmarks, read_landmarks, read_landmarks_in, read_plan, read_plan_with,
-    write_landmarks, write_landmarks_in, write_plan, write_plan_in,
+    FormatError, holds_landmarks, read_catalogue, read_landmarks, read_landmarks_in, read_plan,
+    read_plan_with, write_landmarks, write_landmarks_in, write_plan, write_plan_in,
 };
+pub use grade::Grade;
 pub use frame::{AnatomicalFrame, anatomical_frames, spinous_process_tip};
-pub use isthmus::IsthmusSection;
+pub use isthmus_section::IsthmusSection;
 pub use margins::{MarginError, SafetyMargins};
 pub use markups::{MarkupsError, MarkupsOptions};
 pub use names::UnknownName;

@@ -13,7 +13,9 @@
 use nalgebra::{Point2, Point3, Vector2, Vector3};
 use pedicle_mesh::{SurfaceIndex, TriMesh};
 
+use crate::body::Body;
 use crate::depth::depth_mm;
+use crate::isthmus::{Isthmus, Section, refined_isthmus};
 use crate::search::climb;
 use crate::section::{Contour, Plane, contour_around, section};
 use crate::{AnatomicalFrame, AnatomyError, Side};
@@ -45,20 +47,23 @@ impl Default for PedicleOptions {
 
 /// One pedicle of a vertebra.
 ///
-/// Extents are chords through the middle of the isthmus, the smallest section perpendicular to
-/// the axis: the pedicle may run into the body, the lamina or the transverse process elsewhere.
+/// All extents are those of the isthmus, the smallest section perpendicular to the axis: the
+/// pedicle may run into the body, the lamina or the transverse process elsewhere.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pedicle {
     /// Side of the pedicle.
     pub side: Side,
-    /// Middle of the isthmus, mm.
+    /// Centroid of the isthmus, mm.
     pub isthmus_center_mm: Point3<f64>,
     /// Unit vector along the pedicle, from behind into the body.
     pub axis: Vector3<f64>,
     /// Unit vector along the width, towards the patient's left.
     pub width_direction: Vector3<f64>,
-    /// Width of the isthmus, mm: the least extent within 45 degrees of medio-lateral.
+    /// Width of the isthmus, mm: the medio-lateral chord through its centroid.
     pub width_mm: f64,
+    /// The shortest chord through its centroid in any direction, mm: what a screw has to fit. Less
+    /// than the width where the isthmus leans or is lower than wide.
+    pub narrowest_mm: f64,
     /// Height of the isthmus, mm: the extent at right angles to the width.
     pub height_mm: f64,
     /// Area of the isthmus, mm².
@@ -81,61 +86,27 @@ pub fn measure_pedicle(
     side: Side,
     options: &PedicleOptions,
 ) -> Result<Pedicle, AnatomyError> {
+    Ok(pedicle_with_isthmus(mesh, index, frame, side, options)?.0)
+}
+
+/// The pedicle and, where there is a closed section around it, the refined isthmus.
+pub(crate) fn pedicle_with_isthmus(
+    mesh: &TriMesh,
+    index: &SurfaceIndex,
+    frame: &AnatomicalFrame,
+    side: Side,
+    options: &PedicleOptions,
+) -> Result<(Pedicle, Option<Isthmus>), AnatomyError> {
     let body = Body::find(mesh, frame)?;
     let seed = seed_point(mesh, frame, &body, side)?;
     let line = deepest_line(index, frame, &body, seed);
     let profile = Profile::along(mesh, frame, &line, options);
-    profile.pedicle(side, options)
-}
-
-/// The vertebral body in the mirror plane.
-#[derive(Debug)]
-struct Body {
-    /// Coordinate along anterior of its posterior wall, mm.
-    posterior_wall_mm: f64,
-    /// Coordinates along up of its lowest and highest point, mm.
-    low_mm: f64,
-    high_mm: f64,
-}
-
-/// Contours below this part of the largest area are osteophytes, not bodies.
-const BODY_AREA_RATIO: f64 = 0.4;
-/// The posterior wall is looked at over this part of the height about the middle.
-const WALL_HEIGHT_RATIO: f64 = 0.5;
-/// Levels at which the posterior wall is looked at.
-const WALL_LEVELS: usize = 9;
-
-impl Body {
-    fn find(mesh: &TriMesh, frame: &AnatomicalFrame) -> Result<Self, AnatomyError> {
-        let plane = Plane {
-            origin: frame.origin,
-            x: frame.anterior,
-            y: frame.up,
-        };
-        let contours = section(mesh, &plane);
-        let largest = contours.iter().map(Contour::area).fold(0.0, f64::max);
-        // The spinous process is as large in some, but the body lies in front.
-        let body = contours
-            .iter()
-            .filter(|c| c.area() > 0.0 && c.area() >= BODY_AREA_RATIO * largest)
-            .max_by(|a, b| a.bounds().1.x.total_cmp(&b.bounds().1.x))
-            .ok_or(AnatomyError::NoCanal)?;
-        let (low, high) = body.bounds();
-        let middle = 0.5 * (low.y + high.y);
-        let mut walls: Vec<f64> = (0..WALL_LEVELS)
-            .filter_map(|k| {
-                let t = k as f64 / (WALL_LEVELS - 1) as f64 - 0.5;
-                body.leftmost_at(middle + t * WALL_HEIGHT_RATIO * (high.y - low.y))
-            })
-            .collect();
-        walls.sort_by(f64::total_cmp);
-        let posterior_wall_mm = *walls.get(walls.len() / 2).ok_or(AnatomyError::NoCanal)?;
-        Ok(Self {
-            posterior_wall_mm,
-            low_mm: low.y,
-            high_mm: high.y,
-        })
-    }
+    let first = profile.pedicle(side, options)?;
+    let found = refined_isthmus(mesh, first.isthmus_center_mm, first.axis, frame.left);
+    let pedicle = found
+        .as_ref()
+        .map_or(first, |isthmus| measured(&isthmus.section, &first));
+    Ok((pedicle, found))
 }
 
 /// Distances behind the posterior wall at which the first section of the pedicle is sought, mm.
@@ -378,8 +349,8 @@ impl Profile {
             .unwrap_or(isthmus);
         let slice = &self.slices[isthmus];
         let center = slice.center();
-        let (width_mm, across) = narrowest_chord(&slice.contour, &center);
-        if width_mm < MIN_WIDTH_MM {
+        let (narrowest_mm, across) = narrowest_chord(&slice.contour, &center);
+        if narrowest_mm < MIN_WIDTH_MM {
             return Err(AnatomyError::NoPedicle {
                 side,
                 reason: "the narrowest section is thinner than 2 mm",
@@ -395,7 +366,8 @@ impl Profile {
             isthmus_center_mm: slice.plane.to_space(&center),
             axis,
             width_direction,
-            width_mm,
+            width_mm: narrowest_mm,
+            narrowest_mm,
             height_mm,
             area_mm2: slice.area,
             behind_mm: slice.at_mm - self.slices[first].at_mm,
@@ -404,14 +376,38 @@ impl Profile {
     }
 }
 
-/// Directions in which widths are measured.
-const WIDTH_DIRECTIONS: usize = 90;
+/// The extents of a section, with everything else of `first`.
+fn measured(section: &Section, first: &Pedicle) -> Pedicle {
+    let Section {
+        plane,
+        contour,
+        center,
+    } = section;
+    // The x axis of the plane is left, made perpendicular to the axis.
+    let (across, upward) = (Vector2::x(), Vector2::y());
+    let ahead = (section.center_mm() - first.isthmus_center_mm).dot(&first.axis);
+    Pedicle {
+        isthmus_center_mm: section.center_mm(),
+        axis: plane.normal(),
+        width_direction: plane.x,
+        width_mm: contour.chord(center, &across),
+        narrowest_mm: narrowest_chord(contour, center).0,
+        height_mm: contour.extent(&upward),
+        area_mm2: contour.area(),
+        behind_mm: (first.behind_mm + ahead).max(0.0),
+        ahead_mm: (first.ahead_mm - ahead).max(0.0),
+        side: first.side
+    }
+}
 
-/// Length and direction of the shortest chord through `p` within 45 degrees of the x axis.
+/// Directions in which chords are measured.
+const CHORD_DIRECTIONS: usize = 180;
+
+/// Length and direction of the shortest chord through `p`.
 fn narrowest_chord(contour: &Contour, p: &Point2<f64>) -> (f64, Vector2<f64>) {
-    (0..=WIDTH_DIRECTIONS)
+    (0..CHORD_DIRECTIONS)
         .map(|k| {
-            let angle = (k as f64 / WIDTH_DIRECTIONS as f64 - 0.5) * std::f64::consts::FRAC_PI_2;
+            let angle = (k as f64 / CHORD_DIRECTIONS as f64 - 0.5) * std::f64::consts::PI;
             let d = Vector2::new(angle.cos(), angle.sin());
             (contour.chord(p, &d), d)
         })

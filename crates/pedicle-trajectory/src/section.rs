@@ -58,6 +58,36 @@ impl Contour {
             .sum::<f64>()
     }
 
+    /// Centroid of the area inside; `None` without an area.
+    pub(crate) fn centroid(&self) -> Option<Point2<f64>> {
+        // Relative to a point of the contour: no cancellation far from the origin.
+        let origin = *self.points.first()?;
+        let (mut double_area, mut moment) = (0.0, Vector2::zeros());
+        for (p, q) in self.edges() {
+            let (p, q) = (p - origin, q - origin);
+            let cross = p.x * q.y - q.x * p.y;
+            double_area += cross;
+            moment += (p + q) * cross;
+        }
+        let offset = moment / (3.0 * double_area);
+        offset
+            .iter()
+            .all(|c| c.is_finite())
+            .then_some(origin + offset)
+    }
+
+    /// Extent along a unit direction.
+    pub(crate) fn extent(&self, direction: &Vector2<f64>) -> f64 {
+        let (low, high) = self
+            .points
+            .iter()
+            .map(|p| p.coords.dot(direction))
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| {
+                (low.min(x), high.max(x))
+            });
+        high - low
+    }
+
     /// Smallest and largest coordinates.
     pub(crate) fn bounds(&self) -> (Point2<f64>, Point2<f64>) {
         let first = self.points[0];
@@ -270,6 +300,8 @@ mod tests {
                     "area {}",
                     contour.area()
                 );
+                let middle = contour.centroid().unwrap();
+                assert!(middle.coords.norm() < 1e-12, "centroid {middle}");
                 let centre = Point2::new(0.5, 0.0);
                 assert!(contour.contains(&centre), "inside");
                 assert!(

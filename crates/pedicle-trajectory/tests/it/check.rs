@@ -57,6 +57,7 @@ fn bench(side: Side, back_slope: f64) -> Bench {
             axis: Vector3::y(),
             width_direction: -Vector3::x(),
             width_mm: 2.0 * TUBE_MM,
+            narrowest_mm: 2.0 * TUBE_MM,
             height_mm: 2.0 * TUBE_MM,
             area_mm2: 36.0 * std::f64::consts::PI,
             behind_mm: 5.0,
