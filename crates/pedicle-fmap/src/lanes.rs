@@ -156,7 +156,6 @@ fn sum_of<T: Scalar>(sums: &[Row<T>; CHAINS]) -> Row<T> {
     plus(plus(sums[0], sums[1]), plus(sums[2], sums[3]))
 }
 
-
 #[inline(always)]
 fn plus<T: Scalar>(a: Row<T>, b: Row<T>) -> Row<T> {
     let mut sum = a;

@@ -79,7 +79,10 @@ pub fn surface_of_part(
     options: &SurfaceOptions,
 ) -> Result<PartSurface, MeshError> {
     let sigma = options.sigma_voxels;
-    assert!((0.0..=MAX_SIGMA).contains(&sigma), "sigma_voxels is between 0 and 3");
+    assert!(
+        (0.0..=MAX_SIGMA).contains(&sigma),
+        "sigma_voxels is between 0 and 3"
+    );
     let mut mask = Mask::new(part, sigma);
     mask.blur(sigma);
     let n_inside = mask.n_inside as f64;
@@ -135,7 +138,10 @@ fn meshed(mask: &Mask) -> Result<TriMesh, MeshError> {
     } else {
         (mask.size, mask.values.clone(), 1.0)
     };
-    let samples = values.into_iter().map(|g| MESHED_LEVEL as f32 - g).collect();
+    let samples = values
+        .into_iter()
+        .map(|g| MESHED_LEVEL as f32 - g)
+        .collect();
     let surface = ScalarGrid::new(size.map(|n| n as u32), samples).surface();
     let points = surface.points.iter().map(|p| p * scale).collect();
     let net = largest_piece(TriMesh::new(points, surface.faces)?)?;
@@ -149,7 +155,11 @@ fn meshed(mask: &Mask) -> Result<TriMesh, MeshError> {
     };
     let simplified = simplify(&net, net.n_faces() / 4, &options)?.mesh;
     // What could not be simplified without a pinch stays as it was.
-    Ok(if is_closed_manifold(&simplified) { simplified } else { net })
+    Ok(if is_closed_manifold(&simplified) {
+        simplified
+    } else {
+        net
+    })
 }
 
 /// The blur may cut off a crumb that hung by a thread, or close off a cavity.
@@ -169,10 +179,16 @@ fn largest_piece(mesh: TriMesh) -> Result<TriMesh, MeshError> {
 /// back.
 fn in_ras(map: &LabelMap, mask: &Mask, mesh: &TriMesh) -> Result<TriMesh, MeshError> {
     let origin = Vector3::from_fn(|axis, _| mask.origin[axis] as f64);
-    let vertices: Vec<Point3<f64>> =
-        mesh.vertices().iter().map(|p| map.ras_mm(&(p + origin))).collect();
+    let vertices: Vec<Point3<f64>> = mesh
+        .vertices()
+        .iter()
+        .map(|p| map.ras_mm(&(p + origin)))
+        .collect();
     let is_mirrored = map.ras_from_voxel.fixed_view::<3, 3>(0, 0).determinant() < 0.0;
-    let faces = mesh.faces().iter().map(|&[a, b, c]| if is_mirrored { [a, c, b] } else { [a, b, c] });
+    let faces = mesh
+        .faces()
+        .iter()
+        .map(|&[a, b, c]| if is_mirrored { [a, c, b] } else { [a, b, c] });
     TriMesh::new(vertices, faces.collect())
 }
 
@@ -180,6 +196,9 @@ fn n_bad_edges(mesh: &TriMesh) -> usize {
     if is_closed_manifold(mesh) {
         return 0;
     }
-    let open: usize = pedicle_mesh::boundary_loops(mesh).iter().map(Vec::len).sum();
+    let open: usize = pedicle_mesh::boundary_loops(mesh)
+        .iter()
+        .map(Vec::len)
+        .sum();
     (open + non_manifold_edges(mesh).len()).max(1)
 }

@@ -106,7 +106,10 @@ impl std::fmt::Display for Doubt {
                 "the body is {height_mm:.1} mm high, the median of the spine is {median_mm:.1}"
             ),
             Self::Fused { with, gap_mm } => {
-                write!(f, "no disc towards {with}: the bodies are {gap_mm:.1} mm apart")
+                write!(
+                    f,
+                    "no disc towards {with}: the bodies are {gap_mm:.1} mm apart"
+                )
             }
             Self::MissingPedicle { side } => write!(f, "no {side} pedicle"),
             Self::NoNeck { side } => write!(f, "the {side} pedicle has no narrowest section"),

@@ -62,9 +62,7 @@ mod planner;
 mod search;
 mod section;
 
-pub use anatomy::{
-    BodyAnatomy, CanalAnatomy, PedicleAnatomy, VertebraAnatomy, measure_spine,
-};
+pub use anatomy::{BodyAnatomy, CanalAnatomy, PedicleAnatomy, VertebraAnatomy, measure_spine};
 pub use anatomy_error::AnatomyError;
 pub use assess::{AssessError, NearestScrew, ScrewReport, assess_plan};
 pub use catalogue::{Catalogue, CatalogueError};
@@ -77,8 +75,8 @@ pub use formats::{
     FormatError, holds_landmarks, read_catalogue, read_landmarks, read_landmarks_in, read_plan,
     read_plan_with, write_landmarks, write_landmarks_in, write_plan, write_plan_in,
 };
-pub use grade::Grade;
 pub use frame::{AnatomicalFrame, anatomical_frames, spinous_process_tip};
+pub use grade::Grade;
 pub use isthmus_section::IsthmusSection;
 pub use margins::{MarginError, SafetyMargins};
 pub use markups::{MarkupsError, MarkupsOptions};

@@ -396,7 +396,7 @@ fn measured(section: &Section, first: &Pedicle) -> Pedicle {
         area_mm2: contour.area(),
         behind_mm: (first.behind_mm + ahead).max(0.0),
         ahead_mm: (first.ahead_mm - ahead).max(0.0),
-        side: first.side
+        side: first.side,
     }
 }
 
