@@ -37,6 +37,12 @@ use crate::{Catalogue, CatalogueError, LandmarkError, Landmarks, Plan, PlanError
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FormatError {
+    /// A Markups file where implants were expected.
+    #[error("{path}: this is a Markups file of 3D Slicer, not a catalogue of implants")]
+    NoCatalogue {
+        /// The file.
+        path: PathBuf,
+    },
     /// The extension is neither `.ron` nor `.json`.
     #[error("{}: the extension must be .ron or .json, but it is \"{found}\"", path.display())]
     UnknownExtension {
@@ -186,7 +192,11 @@ pub fn write_plan_in(path: impl AsRef<Path>, plan: &Plan, space: Space) -> Resul
 /// [`FormatError`] naming the file and the line and column, or the number that is wrong.
 pub fn read_catalogue(path: impl AsRef<Path>) -> Result<Catalogue, FormatError> {
     let path = path.as_ref();
-    let catalogue: Catalogue = read(path)?;
+    let Content::Own(catalogue) = read::<Catalogue>(path)? else {
+        return Err(FormatError::NoCatalogue {
+            path: path.to_owned(),
+        });
+    };
     catalogue
         .validate()
         .map_err(|source| FormatError::Catalogue {
