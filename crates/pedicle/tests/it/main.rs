@@ -11,6 +11,7 @@
 mod bad_input;
 mod demo;
 mod map;
+mod report;
 mod spectrum;
 mod support;
 mod transfer;
