@@ -1,5 +1,6 @@
 //! Benchmarks, gates and chores of the workspace: `cargo xtask COMMAND`.
 
+mod anatomy;
 mod baselines;
 mod bench;
 mod ci;
@@ -34,6 +35,7 @@ enum Command {
     BenchScenarios(bench::Arguments),
     BenchPeers(peers::Arguments),
     BenchRegistration(registration::Arguments),
+    BenchAnatomy(anatomy::Arguments),
     Scaling(scaling::Arguments),
     MakePhantom(phantom::Arguments),
     CheckReports(reports::Arguments),
@@ -53,6 +55,7 @@ fn main() -> ExitCode {
         Command::BenchScenarios(arguments) => arguments.run(),
         Command::BenchPeers(arguments) => arguments.run(),
         Command::BenchRegistration(arguments) => arguments.run(),
+        Command::BenchAnatomy(arguments) => arguments.run(),
         Command::Scaling(arguments) => arguments.run(),
         Command::MeasurePair(arguments) => arguments.run(),
         Command::MeasureStage(arguments) => arguments.run(),

@@ -290,8 +290,9 @@ fn collapsed(body: &BodyAnatomy) -> Option<Doubt> {
     let least = heights.iter().copied().fold(f64::INFINITY, f64::min);
     let most = heights.iter().copied().fold(0.0, f64::max);
     let height_ratio = least / most;
-    // NaN is a doubt too.
-    (!(height_ratio >= MIN_HEIGHT_RATIO)).then_some(Doubt::Collapsed {
+    // NaN is not sound either.
+    let sound = height_ratio >= MIN_HEIGHT_RATIO;
+    (!sound).then_some(Doubt::Collapsed {
         height_ratio,
         min_ratio: MIN_HEIGHT_RATIO,
     })

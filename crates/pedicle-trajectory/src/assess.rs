@@ -175,7 +175,7 @@ fn assess(
         .map(|hit| hit.distance_mm);
     Ok(ScrewReport {
         trajectory: *t,
-        grade: grade(t, &check, pedicle),
+        grade: Grade::of_screw(t, &check, pedicle),
         canal_intrusion_mm: canal_intrusion_mm(&check),
         fill: t.diameter_mm / pedicle.narrowest_mm,
         tip_to_cortex_mm,
@@ -189,19 +189,23 @@ fn assess(
 /// Longest ray, mm.
 const REACH_MM: f64 = 120.0;
 
-/// The grade of a checked screw.
-pub(crate) fn grade(t: &Trajectory, check: &TrajectoryCheck, pedicle: &Pedicle) -> Grade {
-    let Some(depth) = check.isthmus_depth_mm else {
-        return Grade::E;
-    };
-    let offset = t.entry_mm + t.direction() * depth - pedicle.isthmus_center_mm;
-    let height_direction = pedicle.axis.cross(&pedicle.width_direction);
-    let elsewhere = offset.dot(&pedicle.width_direction).abs() > pedicle.width_mm
-        || offset.dot(&height_direction).abs() > pedicle.height_mm;
-    if elsewhere {
-        return Grade::E;
+impl Grade {
+    /// The grade of a checked screw: that of its breach, but E if its axis does not pass the isthmus
+    /// or passes it further off than the pedicle is wide or high.
+    #[must_use]
+    pub fn of_screw(t: &Trajectory, check: &TrajectoryCheck, pedicle: &Pedicle) -> Self {
+        let Some(depth) = check.isthmus_depth_mm else {
+            return Self::E;
+        };
+        let offset = t.entry_mm + t.direction() * depth - pedicle.isthmus_center_mm;
+        let height_direction = pedicle.axis.cross(&pedicle.width_direction);
+        let elsewhere = offset.dot(&pedicle.width_direction).abs() > pedicle.width_mm
+            || offset.dot(&height_direction).abs() > pedicle.height_mm;
+        if elsewhere {
+            return Self::E;
+        }
+        Self::of_breach_mm(check.breach_mm)
     }
-    Grade::of_breach_mm(check.breach_mm)
 }
 
 fn canal_intrusion_mm(check: &TrajectoryCheck) -> f64 {

@@ -6,7 +6,8 @@
 //!
 //! s distance along the screw's axis from the entry, ρ distance from the axis to the cortical
 //! surface at right angles to the axis, r radius of the screw, all in mm. The breach is how far
-//! the screw's wall reaches beyond the cortex, as Gertzbein & Robbins (Spine 1990) measure it.
+//! the screw's wall reaches beyond the cortex, as Gertzbein & Robbins (Spine 1990) measure it. Where
+//! the screw leaves through the front, it is how far the axis is out of the bone.
 //!
 //! What counts is the pedicle and the body in front of it. Behind the pedicle the back part of
 //! the screw lies in a groove between facet, lamina and transverse process, where a cylinder
@@ -355,9 +356,19 @@ impl Screw<'_> {
         let judged = stretch.filter(|s| depth >= s.start);
         let beside = judged.is_none_or(|s| (s.start..=s.end).contains(&(depth + along)));
         let across = to - self.axis * along;
-        // A surface that lies before the beginning or beyond the tip is not beside the screw. From
-        // outside, the closest point of an oblique wall is not the one at right angles.
-        let (distance, outward, normal) = if beside && inside {
+        let lateral = across.norm() >= along.abs();
+        let left_forwards = closest.normal.dot(&self.axis) > 0.0 && along < 0.0;
+        if !inside && beside && !lateral && left_forwards {
+            // In front of the bone: how far out is the way back, not the way aside.
+            return Wall {
+                clearance_mm: -closest.distance_mm,
+                direction: self.direction_in_body(&x, &closest.normal),
+            };
+        }
+        // A surface that lies before the beginning or beyond the tip is not beside the screw, one
+        // ahead is none at right angles, and from outside the closest point of an oblique wall is
+        // not the one at right angles either.
+        let (distance, outward, normal) = if beside && inside && lateral {
             (across.norm(), across, closest.normal)
         } else {
             self.nearest_by_rays(&x)

@@ -59,6 +59,7 @@ mod names;
 mod pedicle;
 mod plan;
 mod planner;
+mod stock;
 mod search;
 mod section;
 
@@ -86,6 +87,7 @@ pub use plan::{
     Landmark, LandmarkError, Landmarks, Level, MAX_DIAMETER_MM, Plan, PlanError, Side, Trajectory,
     TrajectoryDefect,
 };
+pub use stock::{Implant, PlannedScrew, plan_from_stock};
 pub use planner::{NarrowPedicle, PlannerError, PlannerOptions, plan_pedicle, plan_spine};
 
 /// The example of the README is compiled with the tests.

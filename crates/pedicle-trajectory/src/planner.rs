@@ -6,7 +6,8 @@
 //!
 //! over the two angles of the axis and the two offsets of the place where it crosses the
 //! isthmus; d depth below the surface at points x_i from behind the pedicle to the tip, w_i small
-//! behind the pedicle, where a screw may show. Then the thickest screw of the catalogue that fills no
+//! behind the pedicle, where a screw may show. From there the least depth itself is maximised, which
+//! is the clearance of any screw on that line. Then the thickest screw of the catalogue that fills no
 //! more than its share of the isthmus and keeps its clearance. Lengths in mm.
 
 use nalgebra::{Point3, Vector3};
@@ -34,8 +35,11 @@ pub enum NarrowPedicle {
 pub struct PlannerOptions {
     /// Screw diameters to choose from, mm. Default 4.0 to 7.5 in steps of 0.5.
     pub diameters_mm: Vec<f64>,
-    /// Largest part of the width of the isthmus that a screw fills. Default 0.8.
+    /// Largest part of the narrowest chord of the isthmus that a screw fills. Default 0.8.
     pub max_fill: f64,
+    /// Lengths to choose from, mm: the longest that fits is taken. Any length if empty, which is
+    /// the default.
+    pub lengths_mm: Vec<f64>,
     /// Least distance from the screw's wall to the cortex, mm. Default 1.5.
     pub min_clearance_mm: f64,
     /// Distance from entry to tip, mm; shorter where the body is. Default 40.
@@ -51,6 +55,7 @@ impl Default for PlannerOptions {
         Self {
             diameters_mm: (8..=15).map(|half| 0.5 * f64::from(half)).collect(),
             max_fill: 0.8,
+            lengths_mm: Vec::new(),
             min_clearance_mm: 1.5,
             length_mm: 40.0,
             tip_margin_mm: 4.0,
@@ -66,6 +71,12 @@ pub enum PlannerError {
     /// The spine's directions were not found.
     #[error("the spine has no anatomical frames: {0}")]
     Frames(AnatomyError),
+    /// The spine lacks a level that is to be planned.
+    #[error("the spine has no {level} to plan")]
+    NoSuchLevel {
+        /// The level.
+        level: Level,
+    },
     /// The pedicle was not found.
     #[error("{level} {side}: {source}")]
     Anatomy {
@@ -94,14 +105,14 @@ pub enum PlannerError {
     },
     /// The pedicle is too narrow for the thinnest screw.
     #[error(
-        "{level} {side}: the pedicle is {width_mm:.1} mm wide, and a {diameter_mm} mm screw leaves {clearance_mm:.2} mm to the cortex"
+        "{level} {side}: the pedicle has {width_mm:.1} mm at its narrowest, and a {diameter_mm} mm screw leaves {clearance_mm:.2} mm to the cortex"
     )]
     TooNarrow {
         /// Level of the vertebra.
         level: Level,
         /// Side of the pedicle.
         side: Side,
-        /// Width of the isthmus, mm.
+        /// Narrowest chord of the isthmus, mm.
         width_mm: f64,
         /// Diameter of the thinnest screw, mm.
         diameter_mm: f64,
@@ -147,11 +158,39 @@ pub fn plan_pedicle(
     level: Level,
     options: &PlannerOptions,
 ) -> Result<Trajectory, PlannerError> {
-    let side = pedicle.side;
-    let planner = Planner {
+    let site = Site {
         index,
         pedicle,
         frame,
+        level,
+        facets: &[],
+    };
+    plan_site(&site, options)
+}
+
+/// A pedicle with all that bounds a screw in it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Site<'a> {
+    pub(crate) index: &'a SurfaceIndex,
+    pub(crate) pedicle: &'a Pedicle,
+    pub(crate) frame: &'a AnatomicalFrame,
+    pub(crate) level: Level,
+    /// Points of the upper articular surface, mm.
+    pub(crate) facets: &'a [Point3<f64>],
+}
+
+/// Plans one screw at a site.
+pub(crate) fn plan_site(
+    site: &Site<'_>,
+    options: &PlannerOptions,
+) -> Result<Trajectory, PlannerError> {
+    let Site { pedicle, level, .. } = *site;
+    let side = pedicle.side;
+    let planner = Planner {
+        index: site.index,
+        pedicle,
+        frame: site.frame,
+        facets: site.facets,
         options,
     };
     let mut diameters: Vec<f64> = options.diameters_mm.clone();
@@ -163,10 +202,9 @@ pub fn plan_pedicle(
         });
     };
     let line = planner.best_line();
-    let (entry_mm, tip_mm) =
-        planner
-            .ends(&line)
-            .map_err(|what| PlannerError::NoRoom { level, side, what })?;
+    let no_room = |what| PlannerError::NoRoom { level, side, what };
+    let (entry_mm, tip_mm) = planner.ends(&line).map_err(no_room)?;
+    let tip_mm = planner.stocked_tip(entry_mm, tip_mm).map_err(no_room)?;
     let with = |diameter_mm: f64| Trajectory {
         level,
         side,
@@ -175,7 +213,7 @@ pub fn plan_pedicle(
         diameter_mm,
     };
     let fits = |diameter_mm: &&f64| {
-        **diameter_mm <= options.max_fill * pedicle.width_mm
+        **diameter_mm <= options.max_fill * pedicle.narrowest_mm
             && planner
                 .check(&with(**diameter_mm))
                 .is_some_and(|c| c.valid && c.min_clearance_mm() >= options.min_clearance_mm)
@@ -191,7 +229,7 @@ pub fn plan_pedicle(
     Err(PlannerError::TooNarrow {
         level,
         side,
-        width_mm: pedicle.width_mm,
+        width_mm: pedicle.narrowest_mm,
         diameter_mm: thinnest,
         clearance_mm: check.map_or(f64::NEG_INFINITY, |c| c.min_clearance_mm()),
     })
@@ -201,6 +239,7 @@ struct Planner<'a> {
     index: &'a SurfaceIndex,
     pedicle: &'a Pedicle,
     frame: &'a AnatomicalFrame,
+    facets: &'a [Point3<f64>],
     options: &'a PlannerOptions,
 }
 
@@ -283,7 +322,74 @@ impl Planner<'_> {
         }
         let near = best.map_or([0.0; 4], |(_, v)| v);
         let (_, v) = climb(near, FINE_STEPS, |v| self.score(&self.axis_of(v), SHARP));
-        self.axis_of(&v)
+        let (value, last) = climb(v, LAST_STEPS, |v| self.least_depth(&self.axis_of(v)));
+        self.axis_of(if value.is_finite() { &last } else { &v })
+    }
+
+    /// The least depth along the judged part of an axis, mm, with slight preferences.
+    fn least_depth(&self, axis: &Axis) -> f64 {
+        let Ok((entry, tip)) = self.ends(axis) else {
+            return f64::NEG_INFINITY;
+        };
+        let check = CheckOptions::default();
+        let back = (entry - axis.at_isthmus).norm();
+        let ahead = (tip - axis.at_isthmus).norm();
+        let start = (check.ignored_entry_depth_mm - back)
+            .max(-self.pedicle.behind_mm - check.behind_pedicle_mm)
+            .min(0.0);
+        // What lies in front of the tip is not beside the screw.
+        let end = (ahead - self.options.tip_margin_mm).max(0.0);
+        let n = ((end - start) / DEPTH_SPACING_MM).ceil().max(1.0);
+        let least = (0..=n as usize)
+            .map(|k| start + (end - start) * k as f64 / n)
+            .map(|s| depth_mm(self.index, &(axis.at_isthmus + axis.direction * s)))
+            .fold(f64::INFINITY, f64::min);
+        least - LAST_PREFERENCE * self.unlikeliness_mm(axis) - self.shortcomings(axis, entry, tip)
+    }
+
+    /// What slopes against the end plates and turns from the pedicle's axis have to gain, mm.
+    fn unlikeliness_mm(&self, axis: &Axis) -> f64 {
+        let forward = axis.direction.dot(&self.frame.anterior);
+        let slope = axis.direction.dot(&self.frame.up) / forward;
+        let turn = axis.direction.dot(&self.medial()) / forward
+            - self.pedicle.axis.dot(&self.medial()) / self.pedicle.axis.dot(&self.frame.anterior);
+        SLOPE_PENALTY_MM * slope * slope + CONVERGENCE_PENALTY_MM * turn * turn
+    }
+
+    /// What a short way and a facet joint nearby cost, mm.
+    fn shortcomings(&self, axis: &Axis, entry: Point3<f64>, tip: Point3<f64>) -> f64 {
+        let length = (tip - entry).norm();
+        let shortfall = (self.options.length_mm - length).max(0.0);
+        let nearest = self
+            .facets
+            .iter()
+            .map(|p| {
+                let along = (p - entry).dot(&axis.direction).clamp(0.0, length);
+                (p - (entry + axis.direction * along)).norm()
+            })
+            .fold(f64::INFINITY, f64::min);
+        let too_near = (FACET_DISTANCE_MM - nearest).max(0.0);
+        SHORTFALL_WEIGHT * shortfall + FACET_WEIGHT * too_near
+    }
+
+    /// The tip of the longest screw in stock that is no longer than the way from entry to tip.
+    fn stocked_tip(
+        &self,
+        entry: Point3<f64>,
+        tip: Point3<f64>,
+    ) -> Result<Point3<f64>, &'static str> {
+        let lengths = &self.options.lengths_mm;
+        if lengths.is_empty() {
+            return Ok(tip);
+        }
+        let way = tip - entry;
+        let longest = lengths
+            .iter()
+            .copied()
+            .filter(|length| *length <= way.norm() + LENGTH_TOLERANCE_MM)
+            .max_by(f64::total_cmp)
+            .ok_or("length of the catalogue that is short enough")?;
+        Ok(entry + way.normalize() * longest)
     }
 
     fn score(&self, axis: &Axis, sharpness: Sharpness) -> f64 {
@@ -307,15 +413,9 @@ impl Planner<'_> {
             };
             sum += (-sharpness.per_mm * (depth + bonus)).exp();
         }
-        let forward = axis.direction.dot(&self.frame.anterior);
-        let slope = axis.direction.dot(&self.frame.up) / forward;
-        let turn = axis.direction.dot(&self.medial()) / forward
-            - self.pedicle.axis.dot(&self.medial()) / self.pedicle.axis.dot(&self.frame.anterior);
-        let shortfall = (self.options.length_mm - back - ahead).max(0.0);
         -sum.ln() / sharpness.per_mm
-            - SLOPE_PENALTY_MM * slope * slope
-            - CONVERGENCE_PENALTY_MM * turn * turn
-            - SHORTFALL_WEIGHT * shortfall
+            - self.unlikeliness_mm(axis)
+            - self.shortcomings(axis, entry, tip)
     }
 
     /// Depth beyond which more is no better: the thickest screw with twice its clearance.
@@ -356,6 +456,19 @@ impl Planner<'_> {
     }
 }
 
+/// First and last step of the search for the largest least depth.
+const LAST_STEPS: (f64, f64) = (0.4, 0.01);
+/// Spacing of the points whose least depth counts, mm.
+const DEPTH_SPACING_MM: f64 = 0.5;
+/// How much of the preferences of the first searches the last one keeps.
+const LAST_PREFERENCE: f64 = 0.05;
+/// An axis keeps this far from the upper articular surface, mm: the radius of a 6 mm screw and what
+/// counts as in the facet.
+const FACET_DISTANCE_MM: f64 = 4.5;
+/// Clearance worth giving up for a millimetre away from the facet joint.
+const FACET_WEIGHT: f64 = 1.0;
+/// A screw may be longer than the way to its tip by this, mm: rounding.
+const LENGTH_TOLERANCE_MM: f64 = 1e-6;
 /// Clearance worth giving up for a millimetre of length.
 const SHORTFALL_WEIGHT: f64 = 0.05;
 /// Step by which the tip is drawn back, mm.

@@ -97,6 +97,20 @@ pub enum Error {
         /// Why.
         error: pedicle_trajectory::PlannerError,
     },
+    /// A plan could not be judged.
+    #[error("{}: {error}", path.display())]
+    Assess {
+        /// The plan.
+        path: PathBuf,
+        /// Why.
+        error: pedicle_trajectory::AssessError,
+    },
+    /// A file that is there would be written over.
+    #[error("{}: the file exists; --force writes over it", path.display())]
+    Exists {
+        /// The file.
+        path: PathBuf,
+    },
     /// The phantom could not be made.
     #[error(transparent)]
     Simulation(#[from] pedicle_simulation::SimulationError),

@@ -3,6 +3,7 @@
 //! - [`read_spine`], [`landmarks_from_shape`], [`plan_from_shape`]: a spine from files
 //! - [`TransferFile`], [`write_json`]: the result of a transfer as JSON
 //! - [`report`]: pages that show a transfer or a map
+//! - [`AnatomyFile`], [`PlanFile`], [`CheckFile`]: anatomy, plans and checks as JSON
 //! - [`shape`]: spectra of any mesh and maps between any two
 //! - [`write_text`]: any text, whole or not at all
 //! - [`commands`]: the commands themselves, with their arguments
@@ -17,6 +18,7 @@
 //!
 //! Lengths are millimetres. Research software, not a medical device.
 
+mod clinical_file;
 pub mod commands;
 mod error;
 pub mod report;
@@ -24,13 +26,17 @@ mod result_file;
 pub mod shape;
 mod spine_files;
 
+pub use clinical_file::{
+    AnatomyEntry, AnatomyFile, CheckFile, NearestEntry, PedicleEntry, PlanFile, ProfileEntry,
+    ScrewEntry,
+};
 pub use error::Error;
 pub use result_file::{
     COVARIANCE_ORDER, TargetChangesEntry, TrajectoryEntry, TransferFile, UncertaintyEntry,
     VertebraEntry, write_json, write_text,
 };
 pub use shape::VertexPairError;
-pub use spine_files::{landmarks_from_shape, plan_from_shape, read_spine};
+pub use spine_files::{level_pairs, landmarks_from_shape, plan_from_shape, read_spine};
 
 /// The example of the README is run with the tests.
 #[cfg(doctest)]

@@ -142,7 +142,7 @@ fn first_label(labels: &[u32]) -> Option<u32> {
 /// # Errors
 /// [`Error::Anatomy`] if the shape does not allow it.
 pub fn landmarks_from_shape(path: &Path, vertebrae: &[SourceVertebra]) -> Result<Landmarks, Error> {
-    let pairs = pairs(vertebrae);
+    let pairs = level_pairs(vertebrae);
     let frames = anatomical_frames(&pairs).map_err(|error| Error::Anatomy {
         path: path.to_owned(),
         error,
@@ -182,13 +182,15 @@ pub fn plan_from_shape(path: &Path, vertebrae: &[SourceVertebra]) -> Result<Plan
         diameters_mm,
         ..PlannerOptions::default()
     };
-    plan_spine(&pairs(vertebrae), &options).map_err(|error| Error::Planner {
+    plan_spine(&level_pairs(vertebrae), &options).map_err(|error| Error::Planner {
         path: path.to_owned(),
         error,
     })
 }
 
-fn pairs(vertebrae: &[SourceVertebra]) -> Vec<(Level, &TriMesh)> {
+/// Level and surface of every vertebra.
+#[must_use]
+pub fn level_pairs(vertebrae: &[SourceVertebra]) -> Vec<(Level, &TriMesh)> {
     vertebrae.iter().map(|v| (v.level, &v.surface)).collect()
 }
 

@@ -5,6 +5,7 @@ use pedicle_trajectory::Level;
 use serde::Serialize;
 
 use super::beside::BesideCell;
+use super::clinical::{self, ClinicalCell};
 use super::score::{ScenarioScore, VertebraScore};
 
 /// A vertebra of which at least this share of the posterior surface is seen must be found.
@@ -38,6 +39,8 @@ pub(super) struct Cell {
     pub(super) entry: Spread,
     pub(super) isthmus: Spread,
     pub(super) tip: Spread,
+    /// The screws as clinical studies report them.
+    pub(super) clinical: ClinicalCell,
     /// Only of the suite `sensor`.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     pub(super) seen: Option<Seen>,
@@ -124,6 +127,7 @@ fn summed_up(cell: &SuiteCell, members: &[&ScenarioScore]) -> Cell {
         entry: spread(&all, 0),
         isthmus: spread(&all, 1),
         tip: spread(&all, 2),
+        clinical: clinical::summed_up(&all),
         seen,
         baselines: Vec::new(),
     }

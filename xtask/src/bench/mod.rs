@@ -4,6 +4,7 @@ mod beside;
 mod calibration;
 pub(crate) mod case;
 mod cell;
+mod clinical;
 mod gates;
 mod limit;
 mod page;
@@ -27,6 +28,7 @@ use serde::Serialize;
 use crate::baselines::Source;
 use crate::{XtaskError, complain, fixture, say};
 use beside::BesideScore;
+pub(crate) use report::new_table;
 use case::Case;
 use cell::{Cell, cells};
 use gates::Gates;
@@ -144,6 +146,8 @@ impl Arguments {
             let (text, mut markdown) =
                 self.tables(&outcome, *suite, scores, &cells, started.elapsed());
             say(&text);
+            say(&clinical::text(&cells));
+            markdown.push_str(&clinical::markdown(&cells));
             say(&calibration::calibration(scores));
             if self.baselines {
                 beside::add(&mut cells, beside);

@@ -226,7 +226,7 @@ fn row_start(cell: &Cell, which: &str) -> Vec<String> {
     ]
 }
 
-pub(super) fn new_table(style: TableStyle, header: Vec<String>) -> Table {
+pub(crate) fn new_table(style: TableStyle, header: Vec<String>) -> Table {
     let mut table = Table::new();
     table.load_style(style).set_header(header);
     for column in table.column_iter_mut().skip(1) {

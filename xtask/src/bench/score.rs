@@ -15,6 +15,7 @@ use pedicle_trajectory::{
 };
 
 use super::case::Case;
+use super::clinical::ScrewScore;
 use crate::XtaskError;
 
 /// What is known about one vertebra of one scenario. Errors are NaN if the scenario was refused:
@@ -36,6 +37,8 @@ pub(super) struct VertebraScore {
     pub(super) n_valid_by_geometry: usize,
     /// Errors at entry, isthmus and tip of each trajectory, mm.
     pub(super) target_errors_mm: Vec<[f64; 3]>,
+    /// Every screw in clinical terms; none if the scenario was refused.
+    pub(super) screws: Vec<ScrewScore>,
     /// Within the margins, with all trajectories inside their pedicles.
     pub(super) valid: bool,
     pub(super) accepted: bool,
@@ -186,6 +189,7 @@ pub(super) fn refused(truth: &SuiteTruth, n_planned: usize) -> VertebraScore {
         n_valid_by_margin: 0,
         n_valid_by_geometry: 0,
         target_errors_mm: vec![[f64::NAN; 3]; n_trajectories],
+        screws: Vec::new(),
         valid: false,
         accepted: false,
         false_accept: false,
@@ -271,6 +275,9 @@ pub(super) fn judge_pose(
             &anatomy.frame,
             &CheckOptions::default(),
         )?;
+        score
+            .screws
+            .push(ScrewScore::new(planned, &back, &check, anatomy)?);
         score.n_valid_by_geometry += usize::from(check.valid);
         if !check.valid {
             breaches.push_str(&format!(

@@ -7,6 +7,7 @@
 )]
 
 mod check;
+mod clinical;
 mod formats;
 mod frames;
 mod margins;

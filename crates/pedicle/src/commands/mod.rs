@@ -1,7 +1,11 @@
 //! The commands and their arguments.
 
+mod anatomy;
+mod check;
 mod demo;
 mod map;
+mod output;
+mod plan;
 mod progress;
 mod spectrum;
 mod table;
@@ -37,6 +41,9 @@ Examples:
   pedicle transfer --source fixtures/phantom --plan fixtures/phantom/plan.ron \\
       --source-landmarks fixtures/phantom/landmarks.ron \\
       --target target.ply --target-landmarks target-landmarks.json --json result.json
+  pedicle anatomy fixtures/phantom
+  pedicle plan fixtures/phantom -o plan.ron
+  pedicle check fixtures/phantom plan.ron
   pedicle map cat-a.off cat-b.off --landmarks pairs.txt --json map.json --glb map.glb
   pedicle spectrum bone.stl -k 200 --json spectrum.json
 
@@ -46,6 +53,9 @@ Exit codes: 0 everything accepted or certified, 3 something not, 2 wrong usage o
 enum Command {
     Transfer(transfer::Arguments),
     Demo(demo::Arguments),
+    Anatomy(anatomy::Arguments),
+    Plan(plan::Arguments),
+    Check(check::Arguments),
     Map(map::Arguments),
     Spectrum(spectrum::Arguments),
 }
@@ -59,6 +69,9 @@ impl Cli {
         match self.command {
             Command::Transfer(arguments) => arguments.run(),
             Command::Demo(arguments) => arguments.run(),
+            Command::Anatomy(arguments) => arguments.run(),
+            Command::Plan(arguments) => arguments.run(),
+            Command::Check(arguments) => arguments.run(),
             Command::Map(arguments) => arguments.run(),
             Command::Spectrum(arguments) => arguments.run(),
         }

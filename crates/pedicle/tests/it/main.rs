@@ -9,6 +9,7 @@
 )]
 
 mod bad_input;
+mod clinical;
 mod demo;
 mod map;
 mod report;

@@ -1,0 +1,160 @@
+//! `pedicle plan`: screws for the pedicles of a spine.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Args;
+use pedicle_trajectory::{
+    Catalogue, CheckOptions, Implant, Level, PedicleOptions, Plan, PlannedScrew, PlannerOptions,
+    ScrewReport, Side, assess_plan, measure_spine, plan_from_stock, read_catalogue, write_plan,
+};
+
+use super::output::{deliver, refuse_overwrite};
+use super::table::table;
+use crate::{Error, PlanFile, level_pairs, read_spine};
+
+/// Plan the screw of largest clearance for every pedicle, within the limits.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Limits: at most 80 % of the narrowest chord of the isthmus, at least 1 mm to the cortex, the tip at
+least 4 mm from the wall in front, clear of the facet joint above. Where no screw of the catalogue
+fits, a guide wire is planned and said so. The plan is text and can be edited by hand.
+
+Examples:
+  pedicle plan fixtures/phantom -o my-plan.ron
+  pedicle plan fixtures/phantom -o l4.ron --level L4 --side left --catalogue screws.ron")]
+pub(super) struct Arguments {
+    /// Spine: a folder with L1.ply to L5.ply, or one PLY with a vertex label a level.
+    #[arg(value_name = "SPINE")]
+    spine: PathBuf,
+    /// The plan to write, .ron or .json.
+    #[arg(short, long, value_name = "PLAN")]
+    output: PathBuf,
+    /// Only this level; may be given more than once.
+    #[arg(long, value_name = "LEVEL")]
+    level: Vec<Level>,
+    /// Only this side, left or right; may be given more than once.
+    #[arg(long, value_name = "SIDE")]
+    side: Vec<Side>,
+    /// Diameters and lengths to choose from, .ron or .json; without it 4.0 to 7.5 mm in steps of
+    /// 0.5 and 25 to 55 mm in steps of 5.
+    #[arg(long, value_name = "FILE")]
+    catalogue: Option<PathBuf>,
+    /// Longest screw wanted, mm.
+    #[arg(long, value_name = "MM", default_value_t = 45.0, value_parser = length)]
+    max_length_mm: f64,
+    /// Write plan and checks as JSON; - for standard output.
+    #[arg(long, value_name = "OUT")]
+    json: Option<PathBuf>,
+    /// Write over a plan that is there.
+    #[arg(long)]
+    force: bool,
+}
+
+/// Bone kept between a planned screw and the cortex, mm.
+const MIN_CLEARANCE_MM: f64 = 1.0;
+
+fn length(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if (10.0..=150.0).contains(&x) => Ok(x),
+        Ok(x) => Err(format!("{x} mm is not between 10 and 150")),
+        Err(error) => Err(error.to_string()),
+    }
+}
+
+impl Arguments {
+    pub(super) fn run(self) -> Result<ExitCode, Error> {
+        refuse_overwrite(&self.output, self.force)?;
+        let vertebrae = read_spine(&self.spine)?;
+        let catalogue = match &self.catalogue {
+            Some(file) => read_catalogue(file)?,
+            None => Catalogue::default(),
+        };
+        let pairs = level_pairs(&vertebrae);
+        let path = || self.spine.clone();
+        let spine = measure_spine(&pairs, &PedicleOptions::default()).map_err(|error| {
+            Error::Anatomy {
+                path: path(),
+                error,
+            }
+        })?;
+        let options = PlannerOptions {
+            length_mm: self.max_length_mm,
+            min_clearance_mm: MIN_CLEARANCE_MM,
+            ..PlannerOptions::default()
+        };
+        let planned = self
+            .wanted()
+            .into_iter()
+            .map(|place| {
+                plan_from_stock(&spine, &pairs, place, &catalogue, &options).map_err(|error| {
+                    Error::Planner {
+                        path: path(),
+                        error,
+                    }
+                })
+            })
+            .collect::<Result<Vec<PlannedScrew>, Error>>()?;
+        let plan = Plan {
+            trajectories: planned.iter().map(|p| p.trajectory).collect(),
+        };
+        let reports = assess_plan(&spine, &pairs, &plan, &CheckOptions::default()).map_err(
+            |error| Error::Assess {
+                path: self.output.clone(),
+                error,
+            },
+        )?;
+        write_plan(&self.output, &plan)?;
+        let file = PlanFile::new(&planned, &reports);
+        deliver(self.json.as_deref(), &file, &text(&planned, &reports))?;
+        Ok(ExitCode::SUCCESS)
+    }
+
+    /// Every level and side that is asked for, from the top down.
+    fn wanted(&self) -> Vec<(Level, Side)> {
+        let levels = Level::ALL
+            .into_iter()
+            .filter(|level| self.level.is_empty() || self.level.contains(level));
+        let sides = |level| {
+            let of = Side::ALL
+                .into_iter()
+                .filter(|side| self.side.is_empty() || self.side.contains(side));
+            of.map(move |side| (level, side)).collect::<Vec<_>>()
+        };
+        levels.flat_map(sides).collect()
+    }
+}
+
+fn text(planned: &[PlannedScrew], reports: &[ScrewReport]) -> String {
+    let mut rows = table(&[
+        "level", "side", "implant", "diameter mm", "length mm", "fill %", "clear mm", "grade",
+        "facet",
+    ]);
+    let mut words = String::new();
+    for (p, r) in planned.iter().zip(reports) {
+        let t = &p.trajectory;
+        let implant = match p.implant {
+            Implant::Screw => "screw",
+            Implant::GuideWire { narrowest_mm } => {
+                words.push_str(&format!(
+                    "{} {}: no screw of the catalogue fits, the isthmus has {narrowest_mm:.1} mm at its \
+                     narrowest; a guide wire of {} mm is planned\n",
+                    t.level, t.side, t.diameter_mm
+                ));
+                "GUIDE WIRE"
+            }
+        };
+        rows.add_row([
+            t.level.to_string(),
+            t.side.to_string(),
+            implant.to_owned(),
+            format!("{:.1}", t.diameter_mm),
+            format!("{:.0}", t.length_mm()),
+            format!("{:.0}", 100.0 * r.fill),
+            format!("{:.2}", r.check.min_clearance_mm()),
+            r.grade.to_string(),
+            r.facet.grade.to_string(),
+        ]);
+    }
+    format!("{rows}\n{words}")
+}
