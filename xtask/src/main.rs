@@ -4,6 +4,7 @@ mod baselines;
 mod bench;
 mod ci;
 mod error;
+mod exchange;
 mod measure;
 mod pairs;
 mod peers;
@@ -33,6 +34,7 @@ enum Command {
     BenchPeers(peers::Arguments),
     BenchRegistration(registration::Arguments),
     Scaling(scaling::Arguments),
+    CheckExchange(exchange::Arguments),
     MakePhantom(phantom::Arguments),
     Ci(ci::Arguments),
     /// One run of our side of `bench-peers`, in a process of its own.
@@ -51,6 +53,7 @@ fn main() -> ExitCode {
         Command::Scaling(arguments) => arguments.run(),
         Command::MeasurePair(arguments) => arguments.run(),
         Command::MeasureStage(arguments) => arguments.run(),
+        Command::CheckExchange(arguments) => arguments.run(),
         Command::MakePhantom(arguments) => arguments.run(),
         Command::Ci(arguments) => arguments.run(),
     };

@@ -24,6 +24,11 @@ pub struct SurfaceOptions {
     pub sigma_voxels: f64,
 }
 
+impl SurfaceOptions {
+    /// The range of `sigma_voxels`.
+    pub const SIGMA_VOXELS: std::ops::RangeInclusive<f64> = 0.0..=3.0;
+}
+
 impl Default for SurfaceOptions {
     fn default() -> Self {
         Self { sigma_voxels: 0.7 }
@@ -63,8 +68,6 @@ const MAX_SIMPLIFICATION_VOXELS: f64 = 0.1;
 const MIN_SIMPLIFIED_FACES: usize = 4000;
 /// Values tried at most.
 const MAX_TRIES: usize = 6;
-/// Largest Gaussian, voxels.
-const MAX_SIGMA: f64 = 3.0;
 
 /// The surface of one part of a label map.
 ///
@@ -79,7 +82,10 @@ pub fn surface_of_part(
     options: &SurfaceOptions,
 ) -> Result<PartSurface, MeshError> {
     let sigma = options.sigma_voxels;
-    assert!((0.0..=MAX_SIGMA).contains(&sigma), "sigma_voxels is between 0 and 3");
+    assert!(
+        SurfaceOptions::SIGMA_VOXELS.contains(&sigma),
+        "sigma_voxels is between 0 and 3"
+    );
     let mut mask = Mask::new(part, sigma);
     mask.blur(sigma);
     let n_inside = mask.n_inside as f64;

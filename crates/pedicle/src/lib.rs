@@ -1,6 +1,8 @@
 //! Files and commands of `pedicle`: what the command line does, as a library.
 //!
 //! - [`read_spine`], [`landmarks_from_shape`], [`plan_from_shape`]: a spine from files
+//! - [`import_meshes`], [`write_spine`]: a spine folder from meshes of other programs
+//! - [`check_plan_frame`], [`write_itk_transform`], [`write_transferred_spine`]: exchange with 3D Slicer
 //! - [`TransferFile`], [`write_json`]: the result of a transfer as JSON
 //! - [`shape`]: spectra of any mesh and maps between any two
 //! - [`write_text`]: any text, whole or not at all
@@ -18,9 +20,13 @@
 
 pub mod commands;
 mod error;
+mod frames;
+mod import_files;
+mod itk_transform;
 mod result_file;
 pub mod shape;
 mod spine_files;
+mod transfer_outputs;
 
 pub use error::Error;
 pub use result_file::{
@@ -28,7 +34,14 @@ pub use result_file::{
     VertebraEntry, write_json, write_text,
 };
 pub use shape::VertexPairError;
-pub use spine_files::{landmarks_from_shape, plan_from_shape, read_spine};
+pub use frames::check_plan_frame;
+pub use import_files::{ImportFile, ImportedLevelEntry, import_meshes, in_space, write_spine};
+pub use itk_transform::{ItkTransformError, read_itk_transform, write_itk_transform};
+pub use spine_files::{SpineFile, landmarks_from_shape, plan_from_shape, read_spine, read_spine_file};
+pub use transfer_outputs::{
+    Spaces, SpineFormat, TransformEntry, TransformsFile, transform_file_names,
+    write_transferred_spine, write_transforms,
+};
 
 /// The example of the README is run with the tests.
 #[cfg(doctest)]

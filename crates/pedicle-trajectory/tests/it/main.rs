@@ -10,5 +10,6 @@ mod check;
 mod formats;
 mod frames;
 mod margins;
+mod markups;
 mod planner;
 mod real;

@@ -16,14 +16,18 @@ use pedicle_spine::{
 };
 use pedicle_trajectory::{SafetyMargins, write_landmarks, write_plan};
 
-use super::{exit_code, say, table::transfer_tables};
-use crate::{Error, TransferFile, write_json};
+use super::console::Console;
+use super::{exit_code, table::transfer_tables};
+use crate::{Error, TransferFile};
 
+/// Steps shown: the phantom, then the transfer.
+const N_STEPS: u64 = 2;
 /// Faces of the simulated target, as published.
 const N_TARGET_FACES: usize = 3500;
 
 /// Transfer the plan of a phantom spine to a simulated target and show the errors.
 #[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
     /// What happens to the spine between CT and operating table.
     #[arg(long, value_enum, default_value_t = DemoDeformation::Partial)]
@@ -34,13 +38,20 @@ pub(super) struct Arguments {
     /// Seed of the phantom's scenario.
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
-    /// Write the result as JSON.
+    /// Write the result as JSON; - for standard output.
     #[arg(long, value_name = "OUT")]
     json: Option<PathBuf>,
     /// Write the demo's files to a folder, to try `pedicle transfer` on them.
     #[arg(long, value_name = "DIR")]
     save: Option<PathBuf>,
 }
+
+const EXAMPLES: &str = "\
+Examples:
+  pedicle demo
+  pedicle demo --deformation rigid --noise-mm 0.5 --save demo-files
+
+Exit codes: 0 everything accepted, 3 something rejected, 2 wrong usage or input.";
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum DemoDeformation {
@@ -53,7 +64,17 @@ enum DemoDeformation {
 }
 
 impl Arguments {
-    pub(super) fn run(self) -> Result<ExitCode, Error> {
+    pub(super) fn run(self, console: Console) -> Result<ExitCode, Error> {
+        if let Some(path) = &self.json {
+            console.check_output(path, None)?;
+        }
+        if let Some(folder) = &self.save {
+            for name in ["source/L1.ply", "target.ply", "plan.ron", "source-landmarks.ron"] {
+                console.check_new(&folder.join(name))?;
+            }
+        }
+        let bar = console.bar(N_STEPS);
+        bar.set_message("making the phantom");
         let phantom = generate_phantom(&PhantomParameters::default(), &MeshingOptions::default())?;
         let plan = phantom.plan();
         let source: Vec<SourceVertebra> = phantom
@@ -105,6 +126,8 @@ impl Arguments {
             write_landmarks(folder.join("target-landmarks.ron"), &target.landmarks)?;
         }
 
+        bar.inc(1);
+        bar.set_message("transfer");
         let options = TransferOptions {
             seed: self.seed,
             ..TransferOptions::default()
@@ -115,18 +138,17 @@ impl Arguments {
         };
         let model = SpineModel::new(source, &landmarks, &MapOptions::default()).map_err(refused)?;
         let result = transfer(&model, &plan, &target, &options).map_err(refused)?;
-        if let Some(path) = &self.json {
-            write_json(path, &TransferFile::from(&result))?;
-        }
-        say(&format!(
-            "Phantom spine, {:?} target of {} vertices, noise {} mm, seed {}.\n",
+        bar.finish_and_clear();
+        let text = format!(
+            "Phantom spine, {:?} target of {} vertices, noise {} mm, seed {}.\n\n{}\n{}",
             self.deformation,
             simulated.mesh.n_vertices(),
             self.noise_mm,
-            self.seed
-        ));
-        say(&transfer_tables(&result));
-        say(&truth_table(&simulated, &result));
+            self.seed,
+            transfer_tables(&result),
+            truth_table(&simulated, &result),
+        );
+        console.report(self.json.as_deref(), &TransferFile::from(&result), &text)?;
         Ok(exit_code(result.all_accepted()))
     }
 }

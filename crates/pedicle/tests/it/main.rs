@@ -10,6 +10,7 @@
 
 mod bad_input;
 mod demo;
+mod exchange;
 mod map;
 mod spectrum;
 mod support;
