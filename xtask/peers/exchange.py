@@ -285,7 +285,7 @@ def theirs():
     folder.mkdir()
     source = trimesh.load(FIXTURES / "L3.ply", process=False)
     vertices, faces = np.array(source.vertices), np.array(source.faces, np.int64)
-    exact, files = True, []
+    files = []
 
     def left(name, precision, space=None):
         files.append({"name": name, "precision": precision, "space": space})

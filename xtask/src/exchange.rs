@@ -75,7 +75,9 @@ impl Arguments {
             .arg(fixture("phantom"))
             .arg(work.path()))?;
         let n_files = check_theirs(work.path())?;
-        say(&format!("{n_files} files of theirs read by our readers: all numbers agree"));
+        say(&format!(
+            "{n_files} files of theirs read by our readers: all numbers agree"
+        ));
         Ok(true)
     }
 }
@@ -143,12 +145,18 @@ fn check_theirs(work: &Path) -> Result<usize, XtaskError> {
                 }
             });
             if !agrees {
-                return Err(refused(&path, format!("{p} is read, {expected:?} was written")));
+                return Err(refused(
+                    &path,
+                    format!("{p} is read, {expected:?} was written"),
+                ));
             }
         }
         let space = space_of(&found.comments).map(|space| space.name().to_owned());
         if space != file.space {
-            return Err(refused(&path, format!("the space is {space:?}, not {:?}", file.space)));
+            return Err(refused(
+                &path,
+                format!("the space is {space:?}, not {:?}", file.space),
+            ));
         }
     }
     for file in &theirs.transforms {

@@ -120,7 +120,9 @@ pub fn import_label_map(
         SchemeChoice::Scheme(scheme) => scheme.levels.values().copied().collect(),
         SchemeChoice::Auto => {
             let all = LabelScheme::all();
-            all.iter().flat_map(|s| s.levels.values().copied()).collect()
+            all.iter()
+                .flat_map(|s| s.levels.values().copied())
+                .collect()
         }
     };
     let map = read_label_map(path, &wanted, &options.limits, &mut |share| {
@@ -174,7 +176,11 @@ struct Found {
 
 impl Found {
     fn new(level: Level, label: i64, parts: Vec<Part>) -> Self {
-        Self { level, label, parts }
+        Self {
+            level,
+            label,
+            parts,
+        }
     }
 
     fn part(&self) -> &Part {
@@ -238,7 +244,11 @@ impl Found {
         let (path, level) = (&map.path, self.level);
         let surface = surface_of_part(map, self.part(), &options.surface).map_err(|source| {
             let path = path.clone();
-            LabelError::Mesh { path, level, source }
+            LabelError::Mesh {
+                path,
+                level,
+                source,
+            }
         })?;
         if surface.n_bad_edges > 0 {
             return Err(LabelError::NotManifold {
@@ -313,15 +323,20 @@ fn part_size(map: &LabelMap, part: &Part) -> PartSize {
 
 /// Largest area of a part on one of the six borders of the volume, mm², and which border.
 fn border_area(map: &LabelMap, part: &Part) -> (f64, &'static str) {
-    const SIDES: [&str; 6] = ["first i", "last i", "first j", "last j", "first k", "last k"];
+    const SIDES: [&str; 6] = [
+        "first i", "last i", "first j", "last j", "first k", "last k",
+    ];
     let mut n = [0_u64; 6];
     let [ni, nj, nk] = map.size;
     for run in &part.runs {
         n[0] += u64::from(run.first == 0);
         n[1] += u64::from(run.last == ni - 1);
-        for (side, is_there) in
-            [(2, run.j == 0), (3, run.j == nj - 1), (4, run.k == 0), (5, run.k == nk - 1)]
-        {
+        for (side, is_there) in [
+            (2, run.j == 0),
+            (3, run.j == nj - 1),
+            (4, run.k == 0),
+            (5, run.k == nk - 1),
+        ] {
             if is_there {
                 n[side] += run.n_voxels();
             }
@@ -333,6 +348,9 @@ fn border_area(map: &LabelMap, part: &Part) -> (f64, &'static str) {
         let (a, b) = ((side / 2 + 1) % 3, (side / 2 + 2) % 3);
         n[side] as f64 * columns[a].cross(&columns[b]).norm()
     });
-    let largest = (0..6).rev().max_by(|&a, &b| areas[a].total_cmp(&areas[b])).unwrap_or(0);
+    let largest = (0..6)
+        .rev()
+        .max_by(|&a, &b| areas[a].total_cmp(&areas[b]))
+        .unwrap_or(0);
     (areas[largest], SIDES[largest])
 }

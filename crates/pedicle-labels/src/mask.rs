@@ -104,13 +104,21 @@ fn doubled_along(size: [usize; 3], values: &[f32], axis: usize) -> ([usize; 3], 
 }
 
 /// Marks as outside all that the padding reaches over faces without entering the part.
-fn flood_outside(inside: &mut [bool], part: &Part, size: [usize; 3], (low, pad): ([u32; 3], usize)) {
+fn flood_outside(
+    inside: &mut [bool],
+    part: &Part,
+    size: [usize; 3],
+    (low, pad): ([u32; 3], usize),
+) {
     let [ni, nj, _] = size;
     let at = |i: usize, j: usize, k: usize| i + ni * (j + nj * k);
     let mut is_part = vec![false; inside.len()];
     for run in &part.runs {
         let i = (run.first - low[0]) as usize + pad;
-        let (j, k) = ((run.j - low[1]) as usize + pad, (run.k - low[2]) as usize + pad);
+        let (j, k) = (
+            (run.j - low[1]) as usize + pad,
+            (run.k - low[2]) as usize + pad,
+        );
         let start = at(i, j, k);
         is_part[start..start + run.n_voxels() as usize].fill(true);
     }
@@ -171,14 +179,32 @@ mod tests {
         for k in 10..15 {
             for j in 10..15 {
                 if (j, k) == (12, 12) {
-                    runs.push(Run { first: 10, last: 11, j, k });
-                    runs.push(Run { first: 13, last: 14, j, k });
+                    runs.push(Run {
+                        first: 10,
+                        last: 11,
+                        j,
+                        k,
+                    });
+                    runs.push(Run {
+                        first: 13,
+                        last: 14,
+                        j,
+                        k,
+                    });
                 } else {
-                    runs.push(Run { first: 10, last: 14, j, k });
+                    runs.push(Run {
+                        first: 10,
+                        last: 14,
+                        j,
+                        k,
+                    });
                 }
             }
         }
-        Part { n_voxels: 124, runs }
+        Part {
+            n_voxels: 124,
+            runs,
+        }
     }
 
     #[test]

@@ -22,8 +22,9 @@ impl Part {
         let mut low = [u32::MAX; 3];
         let mut high = [0; 3];
         for run in &self.runs {
-            for (axis, (first, last)) in
-                [(run.first, run.last), (run.j, run.j), (run.k, run.k)].into_iter().enumerate()
+            for (axis, (first, last)) in [(run.first, run.last), (run.j, run.j), (run.k, run.k)]
+                .into_iter()
+                .enumerate()
             {
                 low[axis] = low[axis].min(first);
                 high[axis] = high[axis].max(last);
@@ -52,7 +53,8 @@ pub fn largest_parts(runs: &[Run]) -> Vec<Part> {
             let (Some(j), Some(k)) = (j, k) else {
                 continue;
             };
-            let found = rows[..index].binary_search_by_key(&(k, j), |r| (runs[r.start].k, runs[r.start].j));
+            let found =
+                rows[..index].binary_search_by_key(&(k, j), |r| (runs[r.start].k, runs[r.start].j));
             if let Ok(other) = found {
                 join_rows(runs, row, &rows[other], &mut parent);
             }
@@ -64,7 +66,10 @@ pub fn largest_parts(runs: &[Run]) -> Vec<Part> {
         let root = root(&mut parent, index as u32) as usize;
         if slot[root] == u32::MAX {
             slot[root] = parts.len() as u32;
-            parts.push(Part { runs: Vec::new(), n_voxels: 0 });
+            parts.push(Part {
+                runs: Vec::new(),
+                n_voxels: 0,
+            });
         }
         let part = &mut parts[slot[root] as usize];
         part.runs.push(*run);
@@ -127,11 +132,21 @@ mod tests {
     #[test]
     fn corners_join_and_gaps_part() {
         // A diagonal chain over corners, and a single voxel two columns away.
-        let runs = [run(0, 0, 0, 0), run(5, 5, 0, 0), run(1, 1, 1, 0), run(2, 2, 2, 1), run(3, 3, 1, 2)];
+        let runs = [
+            run(0, 0, 0, 0),
+            run(5, 5, 0, 0),
+            run(1, 1, 1, 0),
+            run(2, 2, 2, 1),
+            run(3, 3, 1, 2),
+        ];
         let parts = largest_parts(&runs);
         let sizes: Vec<u64> = parts.iter().map(|p| p.n_voxels).collect();
         assert_eq!(sizes, [4, 1], "a chain and a stray");
-        assert_eq!(parts[0].bounds(), ([0, 0, 0], [3, 2, 2]), "box of the chain");
+        assert_eq!(
+            parts[0].bounds(),
+            ([0, 0, 0], [3, 2, 2]),
+            "box of the chain"
+        );
     }
 
     #[test]

@@ -42,7 +42,11 @@ pub(crate) fn place(
         }
         for &v in bad.into_iter().flatten() {
             let v = v as usize;
-            share[v] = if round + 2 < MAX_ROUNDS { 0.5 * share[v] } else { 0.0 };
+            share[v] = if round + 2 < MAX_ROUNDS {
+                0.5 * share[v]
+            } else {
+                0.0
+            };
             moved[v] = points[v] + ways[v] * share[v];
         }
     }
@@ -101,12 +105,21 @@ fn value_and_slope(mask: &Mask, p: &Point3<f64>) -> Option<(f64, Vector3<f64>)> 
     for corner in 0..8 {
         let g = at(corner);
         let is_upper: [bool; 3] = std::array::from_fn(|axis| corner >> axis & 1 == 1);
-        let w: [f64; 3] =
-            std::array::from_fn(|axis| if is_upper[axis] { t[axis] } else { 1.0 - t[axis] });
+        let w: [f64; 3] = std::array::from_fn(|axis| {
+            if is_upper[axis] {
+                t[axis]
+            } else {
+                1.0 - t[axis]
+            }
+        });
         value += g * w[0] * w[1] * w[2];
         for axis in 0..3 {
             let others = w[(axis + 1) % 3] * w[(axis + 2) % 3];
-            slope[axis] += if is_upper[axis] { g * others } else { -g * others };
+            slope[axis] += if is_upper[axis] {
+                g * others
+            } else {
+                -g * others
+            };
         }
     }
     Some((value, slope))

@@ -45,7 +45,10 @@ impl LabelMap {
     /// Volume of one voxel, mm³.
     #[must_use]
     pub fn voxel_volume_mm3(&self) -> f64 {
-        self.ras_from_voxel.fixed_view::<3, 3>(0, 0).determinant().abs()
+        self.ras_from_voxel
+            .fixed_view::<3, 3>(0, 0)
+            .determinant()
+            .abs()
     }
 
     /// Length of a voxel's edges along i, j and k, mm.
@@ -91,7 +94,11 @@ pub(crate) fn label_list(labels: impl Iterator<Item = i64>) -> String {
             _ => format!("{first} to {last}"),
         })
         .collect();
-    let rest = if ranges.len() > MAX_RANGES { ", …" } else { "" };
+    let rest = if ranges.len() > MAX_RANGES {
+        ", …"
+    } else {
+        ""
+    };
     format!("{}{rest}", shown.join(", "))
 }
 

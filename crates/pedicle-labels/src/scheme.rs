@@ -83,10 +83,14 @@ impl LabelScheme {
         let mut level_of: BTreeMap<i64, Level> = BTreeMap::new();
         for (&level, &label) in &scheme.levels {
             if label == 0 {
-                return Err(refused(format!("{level} has the label 0, which is the background")));
+                return Err(refused(format!(
+                    "{level} has the label 0, which is the background"
+                )));
             }
             if let Some(other) = level_of.insert(label, level) {
-                return Err(refused(format!("{other} and {level} have the same label {label}")));
+                return Err(refused(format!(
+                    "{other} and {level} have the same label {label}"
+                )));
             }
         }
         Ok(scheme)
@@ -119,8 +123,10 @@ pub(crate) fn choose(choice: &SchemeChoice, map: &LabelMap) -> Result<LabelSchem
 fn detect(map: &LabelMap) -> Result<LabelScheme, LabelError> {
     let all = LabelScheme::all();
     for enough in [Level::ALL.len(), 1] {
-        let fit: Vec<&LabelScheme> =
-            all.iter().filter(|scheme| scheme.n_present(map) >= enough).collect();
+        let fit: Vec<&LabelScheme> = all
+            .iter()
+            .filter(|scheme| scheme.n_present(map) >= enough)
+            .collect();
         match fit[..] {
             [one] => return Ok(one.clone()),
             [first, second, ..] => {

@@ -81,7 +81,11 @@ impl ScalarGrid {
         let last = self.size.map(|n| n - 1);
         surface_nets(&self.samples, &shape, [0; 3], last, &mut net);
         let mut surface = IsoSurface {
-            points: net.positions.iter().map(|p| Point3::from(p.map(f64::from))).collect(),
+            points: net
+                .positions
+                .iter()
+                .map(|p| Point3::from(p.map(f64::from)))
+                .collect(),
             faces: net.indices.as_chunks::<3>().0.to_vec(),
         };
         if surface.volume() < 0.0 {
@@ -106,11 +110,7 @@ impl ScalarGrid {
                         let corners = offsets.map(|offset| base + offset);
                         while let Some(corner) = self.ambiguous_corner(&corners) {
                             let sample = &mut self.samples[corner];
-                            *sample = if *sample < 0.0 {
-                                FLIPPED
-                            } else {
-                                -FLIPPED
-                            };
+                            *sample = if *sample < 0.0 { FLIPPED } else { -FLIPPED };
                             changed = true;
                         }
                     }

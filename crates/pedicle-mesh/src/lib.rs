@@ -51,8 +51,8 @@ mod trimesh;
 pub use defects::{Defects, defects};
 pub use error::MeshError;
 pub use io::{
-    Encoding, MeshFile, MeshFormat, Part, ReadError, Space, WriteError, WriteOptions,
-    read_mesh, read_parts, space_of, write_mesh,
+    Encoding, MeshFile, MeshFormat, Part, ReadError, Space, WriteError, WriteOptions, read_mesh,
+    read_parts, space_of, write_mesh,
 };
 pub use isosurface::{IsoSurface, ScalarGrid};
 pub use measures::{EdgeLengths, angle_weighted_normals, edge_lengths, smallest_angle_rad, volume};

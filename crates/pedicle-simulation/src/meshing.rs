@@ -6,8 +6,8 @@
 
 use nalgebra::{Point3, Vector3};
 use pedicle_mesh::{
-    ScalarGrid, TriMesh, boundary_loops, connected_components, is_closed_manifold, non_manifold_edges,
-    non_manifold_vertices,
+    ScalarGrid, TriMesh, boundary_loops, connected_components, is_closed_manifold,
+    non_manifold_edges, non_manifold_vertices,
 };
 use pedicle_trajectory::Level;
 

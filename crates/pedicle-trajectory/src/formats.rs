@@ -163,11 +163,7 @@ pub fn write_plan(path: impl AsRef<Path>, plan: &Plan) -> Result<(), FormatError
 ///
 /// # Errors
 /// [`FormatError`] as [`write_plan`].
-pub fn write_plan_in(
-    path: impl AsRef<Path>,
-    plan: &Plan,
-    space: Space,
-) -> Result<(), FormatError> {
+pub fn write_plan_in(path: impl AsRef<Path>, plan: &Plan, space: Space) -> Result<(), FormatError> {
     let path = path.as_ref();
     plan.validate().map_err(|source| FormatError::Plan {
         path: path.to_owned(),
@@ -192,10 +188,12 @@ pub fn read_landmarks_in(path: impl AsRef<Path>, space: Space) -> Result<Landmar
     let path = path.as_ref();
     let landmarks: Landmarks = match read(path)? {
         Content::Own(landmarks) => landmarks,
-        Content::Markups(file) => file.landmarks(space).map_err(|source| FormatError::Markups {
-            path: path.to_owned(),
-            source,
-        })?,
+        Content::Markups(file) => file
+            .landmarks(space)
+            .map_err(|source| FormatError::Markups {
+                path: path.to_owned(),
+                source,
+            })?,
     };
     landmarks
         .validate()

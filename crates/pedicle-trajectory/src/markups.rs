@@ -31,7 +31,9 @@ pub enum MarkupsError {
         n_markups: usize,
     },
     /// A markup of another type.
-    #[error("markup {index} (\"{name}\") is of type \"{found}\", but a {what} needs \"{expected}\"")]
+    #[error(
+        "markup {index} (\"{name}\") is of type \"{found}\", but a {what} needs \"{expected}\""
+    )]
     WrongType {
         /// Index of the markup.
         index: usize,
@@ -56,7 +58,9 @@ pub enum MarkupsError {
         name: String,
     },
     /// A coordinate system that is neither RAS nor LPS.
-    #[error("markup {index} (\"{name}\") has the coordinateSystem {found}, neither \"LPS\" nor \"RAS\"")]
+    #[error(
+        "markup {index} (\"{name}\") has the coordinateSystem {found}, neither \"LPS\" nor \"RAS\""
+    )]
     UnknownCoordinateSystem {
         /// Index of the markup.
         index: usize,
@@ -98,7 +102,9 @@ pub enum MarkupsError {
         found: usize,
     },
     /// A point that was never placed.
-    #[error("markup {index} (\"{name}\"), control point {point}: its positionStatus is \"{status}\", not \"defined\"")]
+    #[error(
+        "markup {index} (\"{name}\"), control point {point}: its positionStatus is \"{status}\", not \"defined\""
+    )]
     NotDefined {
         /// Index of the markup.
         index: usize,
@@ -110,7 +116,9 @@ pub enum MarkupsError {
         status: String,
     },
     /// A position that is not three finite numbers.
-    #[error("markup {index} (\"{name}\"), control point {point}: the position {found} is not three finite numbers")]
+    #[error(
+        "markup {index} (\"{name}\"), control point {point}: the position {found} is not three finite numbers"
+    )]
     Position {
         /// Index of the markup.
         index: usize,
@@ -223,19 +231,35 @@ impl Markup {
     }
 
     /// The position of a control point in `space`.
-    fn position(&self, index: usize, point: usize, space: Space) -> Result<Point3<f64>, MarkupsError> {
+    fn position(
+        &self,
+        index: usize,
+        point: usize,
+        space: Space,
+    ) -> Result<Point3<f64>, MarkupsError> {
         let name = || self.name.clone();
         let control = &self.control_points[point];
         let status = control.position_status.as_deref().unwrap_or("defined");
         if status != "defined" {
             let status = status.to_owned();
-            return Err(MarkupsError::NotDefined { index, name: name(), point, status });
+            return Err(MarkupsError::NotDefined {
+                index,
+                name: name(),
+                point,
+                status,
+            });
         }
-        let numbers: Option<Vec<f64>> = control
-            .position
-            .as_array()
-            .map(|values| values.iter().filter_map(Value::as_f64).filter(|x| x.is_finite()).collect());
-        match (numbers.as_deref(), control.position.as_array().map(Vec::len)) {
+        let numbers: Option<Vec<f64>> = control.position.as_array().map(|values| {
+            values
+                .iter()
+                .filter_map(Value::as_f64)
+                .filter(|x| x.is_finite())
+                .collect()
+        });
+        match (
+            numbers.as_deref(),
+            control.position.as_array().map(Vec::len),
+        ) {
             (Some(&[x, y, z]), Some(3)) => {
                 Ok(self.space(index)?.point_to(space, &Point3::new(x, y, z)))
             }
@@ -248,7 +272,12 @@ impl Markup {
         }
     }
 
-    fn check_kind(&self, index: usize, expected: &'static str, what: &'static str) -> Result<(), MarkupsError> {
+    fn check_kind(
+        &self,
+        index: usize,
+        expected: &'static str,
+        what: &'static str,
+    ) -> Result<(), MarkupsError> {
         if self.kind == expected {
             return self.check_units(index);
         }
@@ -272,7 +301,10 @@ impl File {
             .map(|(index, markup)| trajectory(index, markup, options))
             .collect::<Result<_, _>>()?;
         if trajectories.is_empty() {
-            return Err(MarkupsError::Empty { expected: "Line", n_markups: 0 });
+            return Err(MarkupsError::Empty {
+                expected: "Line",
+                n_markups: 0,
+            });
         }
         Ok(Plan { trajectories })
     }
@@ -294,18 +326,27 @@ impl File {
             }
         }
         if self.markups.is_empty() {
-            return Err(MarkupsError::Empty { expected: "Fiducial", n_markups: 0 });
+            return Err(MarkupsError::Empty {
+                expected: "Fiducial",
+                n_markups: 0,
+            });
         }
         Ok(Landmarks { landmarks })
     }
 
     /// Whether its first markup is a fiducial list, so that it holds landmarks and no plan.
     pub(crate) fn has_fiducials(&self) -> bool {
-        self.markups.first().is_some_and(|markup| markup.kind == "Fiducial")
+        self.markups
+            .first()
+            .is_some_and(|markup| markup.kind == "Fiducial")
     }
 }
 
-fn trajectory(index: usize, markup: &Markup, options: &MarkupsOptions) -> Result<Trajectory, MarkupsError> {
+fn trajectory(
+    index: usize,
+    markup: &Markup,
+    options: &MarkupsOptions,
+) -> Result<Trajectory, MarkupsError> {
     markup.check_kind(index, "Line", "plan")?;
     let name = || markup.name.clone();
     let (Some(level), Some(side)) = (level_of(&markup.name), side_of(&markup.name)) else {
@@ -318,13 +359,24 @@ fn trajectory(index: usize, markup: &Markup, options: &MarkupsOptions) -> Result
     };
     let found = markup.control_points.len();
     if found != 2 {
-        return Err(MarkupsError::PointCount { index, name: name(), found });
+        return Err(MarkupsError::PointCount {
+            index,
+            name: name(),
+            found,
+        });
     }
     let is = |point: usize, label: &str| {
-        markup.control_points[point].label.trim().eq_ignore_ascii_case(label)
+        markup.control_points[point]
+            .label
+            .trim()
+            .eq_ignore_ascii_case(label)
     };
     // The order counts unless the labels say the opposite.
-    let (entry, tip) = if is(0, "tip") || is(1, "entry") { (1, 0) } else { (0, 1) };
+    let (entry, tip) = if is(0, "tip") || is(1, "entry") {
+        (1, 0)
+    } else {
+        (0, 1)
+    };
     let written = markup
         .control_points
         .iter()
@@ -338,7 +390,10 @@ fn trajectory(index: usize, markup: &Markup, options: &MarkupsOptions) -> Result
         })?,
         None => options
             .diameter_mm
-            .ok_or_else(|| MarkupsError::NoDiameter { index, name: name() })?,
+            .ok_or_else(|| MarkupsError::NoDiameter {
+                index,
+                name: name(),
+            })?,
     };
     Ok(Trajectory {
         level,
@@ -351,7 +406,8 @@ fn trajectory(index: usize, markup: &Markup, options: &MarkupsOptions) -> Result
 
 /// The words of a name: what is between signs and blanks.
 fn words(name: &str) -> impl Iterator<Item = &str> {
-    name.split(|c: char| !c.is_alphanumeric()).filter(|word| !word.is_empty())
+    name.split(|c: char| !c.is_alphanumeric())
+        .filter(|word| !word.is_empty())
 }
 
 /// The one level that a name tells.
@@ -464,5 +520,8 @@ pub(crate) fn landmarks_text(landmarks: &Landmarks, space: Space) -> serde_json:
 }
 
 fn text(markups: Vec<WrittenMarkup>) -> serde_json::Result<String> {
-    serde_json::to_string_pretty(&WrittenFile { schema: SCHEMA, markups })
+    serde_json::to_string_pretty(&WrittenFile {
+        schema: SCHEMA,
+        markups,
+    })
 }

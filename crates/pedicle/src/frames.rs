@@ -33,9 +33,16 @@ pub fn check_plan_frame(
         tip_mm: flip(&t.tip_mm),
         ..*t
     };
-    let n_inside = plan.trajectories.iter().filter(|t| is_inside(t, vertebrae)).count();
-    let n_flipped =
-        plan.trajectories.iter().filter(|t| is_inside(&flipped(t), vertebrae)).count();
+    let n_inside = plan
+        .trajectories
+        .iter()
+        .filter(|t| is_inside(t, vertebrae))
+        .count();
+    let n_flipped = plan
+        .trajectories
+        .iter()
+        .filter(|t| is_inside(&flipped(t), vertebrae))
+        .count();
     let n_trajectories = plan.trajectories.len();
     if n_inside < n_trajectories && n_flipped == n_trajectories {
         return Err(Error::PlanFlipped {

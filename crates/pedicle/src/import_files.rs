@@ -3,7 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use pedicle_labels::ImportedSpine;
-use pedicle_mesh::{MeshFormat, Space, TriMesh, WriteOptions, read_mesh, space_of, volume, write_mesh};
+use pedicle_mesh::{
+    MeshFormat, Space, TriMesh, WriteOptions, read_mesh, space_of, volume, write_mesh,
+};
 use pedicle_trajectory::Level;
 use serde::{Deserialize, Serialize};
 
@@ -114,8 +116,14 @@ pub fn import_meshes(
 ) -> Result<(ImportFile, Vec<(Level, TriMesh)>), Error> {
     let mut files: std::collections::BTreeMap<Level, PathBuf> = std::collections::BTreeMap::new();
     for file in mesh_files(paths)? {
-        let stem = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let mut levels = stem.split(|c: char| !c.is_alphanumeric()).filter_map(Level::from_name);
+        let stem = file
+            .file_stem()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned();
+        let mut levels = stem
+            .split(|c: char| !c.is_alphanumeric())
+            .filter_map(Level::from_name);
         let (Some(level), None) = (levels.next(), levels.next()) else {
             return Err(Error::NoLevelInName { path: file });
         };
@@ -142,7 +150,10 @@ pub fn import_meshes(
         spacing_mm: None,
         size: None,
         missing: Level::ALL.into_iter().filter(is_missing).collect(),
-        levels: meshes.iter().map(|(level, mesh)| entry(*level, mesh)).collect(),
+        levels: meshes
+            .iter()
+            .map(|(level, mesh)| entry(*level, mesh))
+            .collect(),
     };
     Ok((file, meshes))
 }
@@ -184,7 +195,11 @@ pub fn in_space(mesh: &TriMesh, from: Space, to: Space) -> TriMesh {
         return mesh.clone();
     }
     // Signs only: a rotation matrix would round.
-    let vertices = mesh.vertices().iter().map(|p| from.point_to(to, p)).collect();
+    let vertices = mesh
+        .vertices()
+        .iter()
+        .map(|p| from.point_to(to, p))
+        .collect();
     TriMesh::new(vertices, mesh.faces().to_vec()).unwrap_or_else(|_| mesh.clone())
 }
 

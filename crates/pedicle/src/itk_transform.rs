@@ -70,24 +70,35 @@ pub fn read_itk_transform(path: &Path) -> Result<Matrix4<f64>, ItkTransformError
         path: path.to_owned(),
         message,
     };
-    let text = std::fs::read_to_string(path).map_err(|e| refused(format!("cannot be read: {e}")))?;
+    let text =
+        std::fs::read_to_string(path).map_err(|e| refused(format!("cannot be read: {e}")))?;
     if !text.starts_with("#Insight Transform File") {
         return Err(refused(format!("line 1: not \"{MAGIC}\"")));
     }
     let mut kinds = fields(&text, "Transform:");
     match (kinds.next(), kinds.next()) {
         (Some((line, kind)), None) => {
-            if !["AffineTransform_", "MatrixOffsetTransformBase_"].iter().any(|k| kind.starts_with(k)) {
-                return Err(refused(format!("line {line}: {kind} is no affine transform")));
+            if !["AffineTransform_", "MatrixOffsetTransformBase_"]
+                .iter()
+                .any(|k| kind.starts_with(k))
+            {
+                return Err(refused(format!(
+                    "line {line}: {kind} is no affine transform"
+                )));
             }
         }
         (None, _) => return Err(refused("no Transform".to_owned())),
-        (_, Some((line, _))) => return Err(refused(format!("line {line}: more than one transform"))),
+        (_, Some((line, _))) => {
+            return Err(refused(format!("line {line}: more than one transform")));
+        }
     }
     let parameters: [f64; 12] = numbers(&text, "Parameters:").map_err(refused)?;
     let center: [f64; 3] = numbers(&text, "FixedParameters:").map_err(refused)?;
     let linear = Matrix3::from_row_slice(&parameters[..9]);
-    let (center, translation) = (Vector3::from(center), Vector3::from_row_slice(&parameters[9..]));
+    let (center, translation) = (
+        Vector3::from(center),
+        Vector3::from_row_slice(&parameters[9..]),
+    );
     let mut matrix = linear.to_homogeneous();
     let offset = translation + center - linear * center;
     matrix.fixed_view_mut::<3, 1>(0, 3).copy_from(&offset);
@@ -102,7 +113,9 @@ fn fields<'a>(text: &'a str, key: &'a str) -> impl Iterator<Item = (usize, &'a s
 }
 
 fn numbers<const N: usize>(text: &str, key: &str) -> Result<[f64; N], String> {
-    let (line, values) = fields(text, key).next().ok_or_else(|| format!("no {key}"))?;
+    let (line, values) = fields(text, key)
+        .next()
+        .ok_or_else(|| format!("no {key}"))?;
     let numbers: Vec<f64> = values
         .split_whitespace()
         .map(|token| {
@@ -110,6 +123,10 @@ fn numbers<const N: usize>(text: &str, key: &str) -> Result<[f64; N], String> {
             number.ok_or_else(|| format!("line {line}: {token:?} is not a finite number"))
         })
         .collect::<Result<_, _>>()?;
-    <[f64; N]>::try_from(numbers)
-        .map_err(|found| format!("line {line}: {} numbers after {key}, {N} needed", found.len()))
+    <[f64; N]>::try_from(numbers).map_err(|found| {
+        format!(
+            "line {line}: {} numbers after {key}, {N} needed",
+            found.len()
+        )
+    })
 }

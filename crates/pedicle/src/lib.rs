@@ -29,15 +29,17 @@ mod spine_files;
 mod transfer_outputs;
 
 pub use error::Error;
+pub use frames::check_plan_frame;
+pub use import_files::{ImportFile, ImportedLevelEntry, import_meshes, in_space, write_spine};
+pub use itk_transform::{ItkTransformError, read_itk_transform, write_itk_transform};
 pub use result_file::{
     COVARIANCE_ORDER, TargetChangesEntry, TrajectoryEntry, TransferFile, UncertaintyEntry,
     VertebraEntry, write_json, write_text,
 };
 pub use shape::VertexPairError;
-pub use frames::check_plan_frame;
-pub use import_files::{ImportFile, ImportedLevelEntry, import_meshes, in_space, write_spine};
-pub use itk_transform::{ItkTransformError, read_itk_transform, write_itk_transform};
-pub use spine_files::{SpineFile, landmarks_from_shape, plan_from_shape, read_spine, read_spine_file};
+pub use spine_files::{
+    SpineFile, landmarks_from_shape, plan_from_shape, read_spine, read_spine_file,
+};
 pub use transfer_outputs::{
     Spaces, SpineFormat, TransformEntry, TransformsFile, transform_file_names,
     write_transferred_spine, write_transforms,

@@ -142,7 +142,10 @@ fn write_level(
         return write_bytes(path, &glb_bytes(&[shape]));
     }
     let options = WriteOptions {
-        comments: vec![format!("SPACE={space}"), format!("{level}, transferred, millimetres")],
+        comments: vec![
+            format!("SPACE={space}"),
+            format!("{level}, transferred, millimetres"),
+        ],
         ..WriteOptions::default()
     };
     Ok(write_mesh(path, mesh, &options)?)

@@ -97,7 +97,9 @@ impl Header {
         };
         let mut bytes = [0; SIZE_2 as usize];
         let short = |n: usize, of: i32| {
-            broken(format!("the file has {n} bytes, fewer than the {of} of a header"))
+            broken(format!(
+                "the file has {n} bytes, fewer than the {of} of a header"
+            ))
         };
         let first = stream.fill(&mut bytes[..4])?;
         if first < 4 {
@@ -130,9 +132,11 @@ impl Header {
         let expected: &[u8] = if size == SIZE_1 { b"n+1\0" } else { b"n+2\0" };
         if raw.magic != expected {
             return Err(broken(match &raw.magic {
-                b"ni1\0" | b"ni2\0" => "the voxels are in a file of their own (.hdr and .img); save \
+                b"ni1\0" | b"ni2\0" => {
+                    "the voxels are in a file of their own (.hdr and .img); save \
                                         both as one .nii file"
-                    .to_owned(),
+                        .to_owned()
+                }
                 magic => format!("the magic is {:?}", String::from_utf8_lossy(magic)),
             }));
         }
@@ -230,7 +234,10 @@ fn checked_size(dim: &[i64; 8]) -> Result<[u64; 3], String> {
         return Err(format!("dim[0] is {}, but a volume has 3 axes", dim[0]));
     };
     if let Some(axis) = (4..=n_axes).find(|&axis| dim[axis] != 1) {
-        return Err(format!("dim[{axis}] is {}: more than one volume", dim[axis]));
+        return Err(format!(
+            "dim[{axis}] is {}: more than one volume",
+            dim[axis]
+        ));
     }
     let mut size = [0; 3];
     for axis in 0..3 {
@@ -261,6 +268,8 @@ fn unit_mm(xyzt_units: i32) -> Result<f64, String> {
         0 | 2 => Ok(1.0),
         1 => Ok(1e3),
         3 => Ok(1e-3),
-        other => Err(format!("xyzt_units names the unknown unit of length {other}")),
+        other => Err(format!(
+            "xyzt_units names the unknown unit of length {other}"
+        )),
     }
 }

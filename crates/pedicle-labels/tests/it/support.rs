@@ -64,7 +64,13 @@ impl Nifti {
         Self::spine(grid([1.0; 3]), [70, 50, 150], VERSE)
     }
 
-    pub(crate) fn add(&mut self, affine: Matrix4<f64>, at: Point3<f64>, half: [f64; 3], label: i64) {
+    pub(crate) fn add(
+        &mut self,
+        affine: Matrix4<f64>,
+        at: Point3<f64>,
+        half: [f64; 3],
+        label: i64,
+    ) {
         let [ni, nj, nk] = self.size;
         for index in 0..ni * nj * nk {
             let voxel = Point3::new(index % ni, index / ni % nj, index / (ni * nj)).cast::<f64>();
@@ -76,15 +82,28 @@ impl Nifti {
     }
 
     pub(crate) fn bytes(&self) -> Vec<u8> {
-        let (size, offset) = if self.version == 1 { (348, 352) } else { (540, 544) };
-        let mut w = Bytes { bytes: vec![0; offset], big: self.big_endian };
+        let (size, offset) = if self.version == 1 {
+            (348, 352)
+        } else {
+            (540, 544)
+        };
+        let mut w = Bytes {
+            bytes: vec![0; offset],
+            big: self.big_endian,
+        };
         let (q, o, pixdim) = self.qform.unwrap_or(([0.0; 3], [0.0; 3], [1.0; 4]));
-        let codes = (i32::from(self.qform.is_some()), i32::from(self.sform.is_some()));
+        let codes = (
+            i32::from(self.qform.is_some()),
+            i32::from(self.sform.is_some()),
+        );
         let s = self.sform.unwrap_or_else(Matrix4::zeros);
         let bitpix = 8 * width(self.datatype) as i16;
         w.put(0, &i32::to_le_bytes(size));
         if self.version == 1 {
-            for (i, n) in [3, self.size[0], self.size[1], self.size[2], 1, 1, 1, 1].iter().enumerate() {
+            for (i, n) in [3, self.size[0], self.size[1], self.size[2], 1, 1, 1, 1]
+                .iter()
+                .enumerate()
+            {
                 w.put(40 + 2 * i, &(*n as i16).to_le_bytes());
             }
             w.put(70, &self.datatype.to_le_bytes());
@@ -104,7 +123,10 @@ impl Nifti {
             w.bytes[4..12].copy_from_slice(b"n+2\0\r\n\x1a\n");
             w.put(12, &self.datatype.to_le_bytes());
             w.put(14, &bitpix.to_le_bytes());
-            for (i, n) in [3, self.size[0], self.size[1], self.size[2], 1, 1, 1, 1].iter().enumerate() {
+            for (i, n) in [3, self.size[0], self.size[1], self.size[2], 1, 1, 1, 1]
+                .iter()
+                .enumerate()
+            {
                 w.put(16 + 8 * i, &(*n as i64).to_le_bytes());
             }
             (0..4).for_each(|i| w.put(104 + 8 * i, &pixdim[i].to_le_bytes()));
@@ -172,8 +194,12 @@ pub(crate) fn gzip(bytes: &[u8]) -> Vec<u8> {
 
 /// An upright grid with voxels of this size that has the spine near its middle.
 pub(crate) fn grid(spacing: [f64; 3]) -> Matrix4<f64> {
-    let mut affine = Matrix4::from_diagonal(&nalgebra::Vector4::new(spacing[0], spacing[1], spacing[2], 1.0));
-    affine.fixed_view_mut::<3, 1>(0, 3).copy_from(&Vector3::new(-34.5, -22.25, -74.0));
+    let mut affine = Matrix4::from_diagonal(&nalgebra::Vector4::new(
+        spacing[0], spacing[1], spacing[2], 1.0,
+    ));
+    affine
+        .fixed_view_mut::<3, 1>(0, 3)
+        .copy_from(&Vector3::new(-34.5, -22.25, -74.0));
     affine
 }
 
@@ -205,6 +231,9 @@ pub(crate) fn import_bytes(name: &str, bytes: &[u8]) -> Result<ImportedSpine, La
 pub(crate) fn refused(bytes: &[u8]) -> (LabelError, String) {
     let error = import_bytes("labels.nii.gz", bytes).expect_err("must be refused");
     let text = error.to_string();
-    assert!(text.contains("labels.nii.gz: ") && !text.contains('\n'), "one sentence: {text}");
+    assert!(
+        text.contains("labels.nii.gz: ") && !text.contains('\n'),
+        "one sentence: {text}"
+    );
     (error, text)
 }

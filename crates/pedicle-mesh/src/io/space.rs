@@ -88,7 +88,9 @@ impl std::str::FromStr for Space {
 pub fn space_of(comments: &[String]) -> Option<Space> {
     comments.iter().find_map(|comment| {
         let (_, name) = comment.split_once("SPACE=")?;
-        let end = name.find(|c: char| !c.is_ascii_alphabetic()).unwrap_or(name.len());
+        let end = name
+            .find(|c: char| !c.is_ascii_alphabetic())
+            .unwrap_or(name.len());
         Space::from_name(&name[..end])
     })
 }

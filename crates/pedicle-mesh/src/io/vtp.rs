@@ -30,12 +30,18 @@ pub(crate) fn parse(bytes: &[u8]) -> Result<RawMesh, Problem> {
         text.push_str("</VTKFile>");
     }
     let document = Document::parse(&text).map_err(|error| {
-        Problem::at_line(error.pos().row as usize, format!("no well-formed XML: {error}"))
+        Problem::at_line(
+            error.pos().row as usize,
+            format!("no well-formed XML: {error}"),
+        )
     })?;
     let root = document.root_element();
     let kind = root.attribute("type").unwrap_or("");
     if root.tag_name().name() != "VTKFile" || kind != "PolyData" {
-        let message = format!("a VTKFile of type PolyData is expected, not {:?} of {kind:?}", root.tag_name().name());
+        let message = format!(
+            "a VTKFile of type PolyData is expected, not {:?} of {kind:?}",
+            root.tag_name().name()
+        );
         return Err(Problem::invalid(Place::Header, message));
     }
     let arrays = Arrays {
@@ -46,7 +52,9 @@ pub(crate) fn parse(bytes: &[u8]) -> Result<RawMesh, Problem> {
     };
     let mut mesh = RawMesh::default();
     for poly_data in children(root, "PolyData") {
-        for field in children(poly_data, "FieldData").flat_map(|f| children(f, "DataArray").chain(children(f, "Array"))) {
+        for field in children(poly_data, "FieldData")
+            .flat_map(|f| children(f, "DataArray").chain(children(f, "Array")))
+        {
             if field.attribute("Name") == Some("SPACE") {
                 let codes = arrays.read(field, "SPACE")?;
                 let name: String = codes
@@ -65,14 +73,16 @@ pub(crate) fn parse(bytes: &[u8]) -> Result<RawMesh, Problem> {
 }
 
 fn read_piece(piece: Node<'_, '_>, arrays: &Arrays<'_>, mesh: &mut RawMesh) -> Result<(), Problem> {
-    if piece.attribute("NumberOfStrips").is_some_and(|n| n.trim() != "0") {
+    if piece
+        .attribute("NumberOfStrips")
+        .is_some_and(|n| n.trim() != "0")
+    {
         let message = "triangle strips are not read: save the mesh as triangles";
         return Err(Problem::invalid(place(piece), message));
     }
     let first = mesh.vertices.len();
-    let points = array_in(piece, "Points", None).ok_or_else(|| {
-        Problem::invalid(place(piece), "a piece without an array of points")
-    })?;
+    let points = array_in(piece, "Points", None)
+        .ok_or_else(|| Problem::invalid(place(piece), "a piece without an array of points"))?;
     let coordinates = arrays.read(points, "points")?;
     let announced: usize = number(piece, "NumberOfPoints")?;
     if coordinates.len() != announced.saturating_mul(3) {
@@ -86,7 +96,8 @@ fn read_piece(piece: Node<'_, '_>, arrays: &Arrays<'_>, mesh: &mut RawMesh) -> R
         return Ok(());
     }
     let missing = |what: &str| Problem::invalid(place(piece), format!("polygons without {what}"));
-    let connectivity = array_in(piece, "Polys", Some("connectivity")).ok_or_else(|| missing("connectivity"))?;
+    let connectivity =
+        array_in(piece, "Polys", Some("connectivity")).ok_or_else(|| missing("connectivity"))?;
     let offsets = array_in(piece, "Polys", Some("offsets")).ok_or_else(|| missing("offsets"))?;
     let corners = arrays.read(connectivity, "connectivity")?;
     let ends = arrays.read(offsets, "offsets")?;
@@ -98,7 +109,10 @@ fn read_piece(piece: Node<'_, '_>, arrays: &Arrays<'_>, mesh: &mut RawMesh) -> R
         let place = Place::element("polygon", index);
         let is_sound = end >= start as f64 && end <= corners.len() as f64 && end.fract() == 0.0;
         if !is_sound {
-            let message = format!("the offset {end} is not between {start} and {}", corners.len());
+            let message = format!(
+                "the offset {end} is not between {start} and {}",
+                corners.len()
+            );
             return Err(Problem::invalid(place, message));
         }
         let polygon = &corners[start..end as usize];
@@ -106,16 +120,22 @@ fn read_piece(piece: Node<'_, '_>, arrays: &Arrays<'_>, mesh: &mut RawMesh) -> R
         let n_in_piece = mesh.vertices.len() - first;
         let mut faces = Vec::new();
         push_polygon(&mut faces, &place, polygon, n_in_piece)?;
-        mesh.faces.extend(faces.iter().map(|f| f.map(|v| v + first as u32)));
+        mesh.faces
+            .extend(faces.iter().map(|f| f.map(|v| v + first as u32)));
     }
     Ok(())
 }
 
 fn children<'a>(node: Node<'a, 'a>, name: &'static str) -> impl Iterator<Item = Node<'a, 'a>> {
-    node.children().filter(move |child| child.has_tag_name(name))
+    node.children()
+        .filter(move |child| child.has_tag_name(name))
 }
 
-fn array_in<'a>(piece: Node<'a, 'a>, group: &'static str, name: Option<&str>) -> Option<Node<'a, 'a>> {
+fn array_in<'a>(
+    piece: Node<'a, 'a>,
+    group: &'static str,
+    name: Option<&str>,
+) -> Option<Node<'a, 'a>> {
     children(piece, group)
         .flat_map(|g| children(g, "DataArray"))
         .find(|array| name.is_none() || array.attribute("Name") == name)
@@ -123,9 +143,9 @@ fn array_in<'a>(piece: Node<'a, 'a>, group: &'static str, name: Option<&str>) ->
 
 fn number(node: Node<'_, '_>, name: &str) -> Result<usize, Problem> {
     let text = node.attribute(name).unwrap_or("");
-    text.trim().parse().map_err(|_| {
-        Problem::invalid(place(node), format!("{name} is {text:?}, not a count"))
-    })
+    text.trim()
+        .parse()
+        .map_err(|_| Problem::invalid(place(node), format!("{name} is {text:?}, not a count")))
 }
 
 fn place(node: Node<'_, '_>) -> Place {
@@ -159,10 +179,16 @@ fn appended_data(element: &[u8]) -> Result<super::vtp_array::Appended<'_>, Probl
 }
 
 fn find(bytes: &[u8], pattern: &[u8]) -> Option<usize> {
-    bytes.windows(pattern.len()).position(|window| window == pattern)
+    bytes
+        .windows(pattern.len())
+        .position(|window| window == pattern)
 }
 
-pub(crate) fn write(out: &mut impl Write, mesh: &TriMesh, comments: &[String]) -> std::io::Result<()> {
+pub(crate) fn write(
+    out: &mut impl Write,
+    mesh: &TriMesh,
+    comments: &[String],
+) -> std::io::Result<()> {
     writeln!(out, "<?xml version=\"1.0\"?>")?;
     for comment in comments.iter().flat_map(|c| c.lines()) {
         // Two hyphens would end the comment.
@@ -186,13 +212,29 @@ pub(crate) fn write(out: &mut impl Write, mesh: &TriMesh, comments: &[String]) -
         mesh.n_vertices(),
         mesh.n_faces()
     )?;
-    let points = mesh.vertices().iter().flat_map(|p| [p.x, p.y, p.z]).flat_map(f64::to_le_bytes);
-    let corners = mesh.faces().iter().flatten().flat_map(|&v| i64::from(v).to_le_bytes());
+    let points = mesh
+        .vertices()
+        .iter()
+        .flat_map(|p| [p.x, p.y, p.z])
+        .flat_map(f64::to_le_bytes);
+    let corners = mesh
+        .faces()
+        .iter()
+        .flatten()
+        .flat_map(|&v| i64::from(v).to_le_bytes());
     let offsets = (1..=mesh.n_faces() as i64).flat_map(|f| (3 * f).to_le_bytes());
     writeln!(out, "<Points>")?;
-    write_array(out, "type=\"Float64\" Name=\"Points\" NumberOfComponents=\"3\"", points.collect())?;
+    write_array(
+        out,
+        "type=\"Float64\" Name=\"Points\" NumberOfComponents=\"3\"",
+        points.collect(),
+    )?;
     writeln!(out, "</Points>\n<Polys>")?;
-    write_array(out, "type=\"Int64\" Name=\"connectivity\"", corners.collect())?;
+    write_array(
+        out,
+        "type=\"Int64\" Name=\"connectivity\"",
+        corners.collect(),
+    )?;
     write_array(out, "type=\"Int64\" Name=\"offsets\"", offsets.collect())?;
     writeln!(out, "</Polys>\n</Piece>\n</PolyData>\n</VTKFile>")
 }
@@ -201,5 +243,9 @@ pub(crate) fn write(out: &mut impl Write, mesh: &TriMesh, comments: &[String]) -
 fn write_array(out: &mut impl Write, attributes: &str, data: Vec<u8>) -> std::io::Result<()> {
     let mut bytes = (data.len() as u64).to_le_bytes().to_vec();
     bytes.extend(data);
-    writeln!(out, "<DataArray {attributes} format=\"binary\">{}</DataArray>", STANDARD.encode(bytes))
+    writeln!(
+        out,
+        "<DataArray {attributes} format=\"binary\">{}</DataArray>",
+        STANDARD.encode(bytes)
+    )
 }

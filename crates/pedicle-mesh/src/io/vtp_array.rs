@@ -30,7 +30,10 @@ impl ByteOrder {
         match name {
             None | Some("LittleEndian") => Ok(Self::Little),
             Some("BigEndian") => Ok(Self::Big),
-            Some(other) => Err(Problem::invalid(Place::Header, format!("byte_order {other:?}"))),
+            Some(other) => Err(Problem::invalid(
+                Place::Header,
+                format!("byte_order {other:?}"),
+            )),
         }
     }
 }
@@ -46,7 +49,10 @@ impl HeaderType {
         match name {
             None | Some("UInt32") => Ok(Self::U32),
             Some("UInt64") => Ok(Self::U64),
-            Some(other) => Err(Problem::invalid(Place::Header, format!("header_type {other:?}"))),
+            Some(other) => Err(Problem::invalid(
+                Place::Header,
+                format!("header_type {other:?}"),
+            )),
         }
     }
 
@@ -86,22 +92,26 @@ impl Arrays<'_> {
         let bytes = match array.attribute("format").unwrap_or("ascii") {
             "ascii" => {
                 let number = |token: &str| {
-                    token.parse().map_err(|_| broken(format!("{token:?} is not a number")))
+                    token
+                        .parse()
+                        .map_err(|_| broken(format!("{token:?} is not a number")))
                 };
                 return text.split_ascii_whitespace().map(number).collect();
             }
             "binary" => self.decode_text(text.as_bytes()).map_err(broken)?,
             "appended" => {
-                let offset = array.attribute("offset").and_then(|o| o.trim().parse().ok());
+                let offset = array
+                    .attribute("offset")
+                    .and_then(|o| o.trim().parse().ok());
                 let offset: usize = offset.ok_or_else(|| broken("no offset".to_owned()))?;
                 let cut = || broken(format!("offset {offset} is beyond the appended data"));
                 match self.appended {
-                    Some(Appended::Raw(data)) => {
-                        self.decode_raw(data.get(offset..).ok_or_else(cut)?).map_err(broken)?
-                    }
-                    Some(Appended::Base64(data)) => {
-                        self.decode_text(data.get(offset..).ok_or_else(cut)?).map_err(broken)?
-                    }
+                    Some(Appended::Raw(data)) => self
+                        .decode_raw(data.get(offset..).ok_or_else(cut)?)
+                        .map_err(broken)?,
+                    Some(Appended::Base64(data)) => self
+                        .decode_text(data.get(offset..).ok_or_else(cut)?)
+                        .map_err(broken)?,
                     None => return Err(broken("there is no AppendedData".to_owned())),
                 }
             }
@@ -111,7 +121,11 @@ impl Arrays<'_> {
     }
 
     fn decode_text(&self, text: &[u8]) -> Result<Vec<u8>, String> {
-        let text: Vec<u8> = text.iter().copied().filter(|b| !b.is_ascii_whitespace()).collect();
+        let text: Vec<u8> = text
+            .iter()
+            .copied()
+            .filter(|b| !b.is_ascii_whitespace())
+            .collect();
         let word = self.header.n_bytes();
         if !self.is_compressed {
             // The text of the size and the data; what follows belongs to the next array.
@@ -156,7 +170,10 @@ impl Arrays<'_> {
                 .read_to_end(&mut out)
                 .map_err(|error| format!("block {index}: {error}"))?;
             if out.len() - before != expected {
-                return Err(format!("block {index}: {}", cut_off(expected, out.len() - before)));
+                return Err(format!(
+                    "block {index}: {}",
+                    cut_off(expected, out.len() - before)
+                ));
             }
             at = end;
         }
@@ -167,11 +184,17 @@ impl Arrays<'_> {
     fn block_sizes(&self, data: &[u8]) -> Result<Vec<usize>, String> {
         let n_blocks = self.word(data, 0)?;
         if n_blocks > data.len() / self.header.n_bytes() {
-            return Err(format!("{n_blocks} blocks announced, too many for the data"));
+            return Err(format!(
+                "{n_blocks} blocks announced, too many for the data"
+            ));
         }
-        let sizes: Vec<usize> =
-            (0..n_blocks).map(|i| self.word(data, 3 + i)).collect::<Result<_, _>>()?;
-        match sizes.iter().try_fold(0_usize, |sum, &size| sum.checked_add(size)) {
+        let sizes: Vec<usize> = (0..n_blocks)
+            .map(|i| self.word(data, 3 + i))
+            .collect::<Result<_, _>>()?;
+        match sizes
+            .iter()
+            .try_fold(0_usize, |sum, &size| sum.checked_add(size))
+        {
             Some(_) => Ok(sizes),
             None => Err("the sizes of the blocks overflow".to_owned()),
         }
@@ -180,7 +203,9 @@ impl Arrays<'_> {
     /// One number of the header before the data.
     fn word(&self, data: &[u8], index: usize) -> Result<usize, String> {
         let n = self.header.n_bytes();
-        let bytes = data.get(index * n..(index + 1) * n).ok_or_else(|| cut_off(n, data.len()))?;
+        let bytes = data
+            .get(index * n..(index + 1) * n)
+            .ok_or_else(|| cut_off(n, data.len()))?;
         let mut wide = [0; 8];
         match self.order {
             ByteOrder::Little => wide[..n].copy_from_slice(bytes),
@@ -210,7 +235,9 @@ fn base64_prefix(text: &[u8], n_bytes: usize) -> Result<Vec<u8>, String> {
         return Err(cut_off(n_bytes, text.len() / 4 * 3));
     }
     // Padding may stand where the data end, but the text may also go on.
-    let mut bytes = STANDARD.decode(&text[..length]).map_err(|e| e.to_string())?;
+    let mut bytes = STANDARD
+        .decode(&text[..length])
+        .map_err(|e| e.to_string())?;
     if bytes.len() < n_bytes {
         return Err(cut_off(n_bytes, bytes.len()));
     }

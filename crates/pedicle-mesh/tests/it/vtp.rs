@@ -29,10 +29,18 @@ fn every_format_tells_its_space() {
             for encoding in [Encoding::Ascii, Encoding::Binary] {
                 let path = folder.path().join(name);
                 let comments = vec![format!("written by a test. SPACE={space}; mm")];
-                let options = WriteOptions { comments, encoding, ..WriteOptions::default() };
+                let options = WriteOptions {
+                    comments,
+                    encoding,
+                    ..WriteOptions::default()
+                };
                 write_mesh(&path, &mesh, &options).unwrap();
                 let found = read_mesh(&path).unwrap();
-                assert_eq!(space_of(&found.comments), Some(space), "{name} {encoding:?}");
+                assert_eq!(
+                    space_of(&found.comments),
+                    Some(space),
+                    "{name} {encoding:?}"
+                );
                 assert_eq!(found.mesh.n_faces(), mesh.n_faces(), "{name} {encoding:?}");
             }
         }
@@ -41,7 +49,8 @@ fn every_format_tells_its_space() {
     assert_eq!(space_of(&["space".to_owned()]), None, "nothing said");
 }
 
-const HEAD: &str = "<VTKFile type=\"PolyData\" version=\"0.1\" byte_order=\"LittleEndian\"><PolyData>";
+const HEAD: &str =
+    "<VTKFile type=\"PolyData\" version=\"0.1\" byte_order=\"LittleEndian\"><PolyData>";
 const POINTS: &str = "<Points><DataArray type=\"Float32\" NumberOfComponents=\"3\" format=\"ascii\">\
     0 0 0 1 0 0 1 1 0 0 1 0</DataArray></Points>";
 
@@ -63,7 +72,11 @@ fn polygons_become_fans_and_pieces_are_joined() {
     let (piece, end) = rest.split_once("</Piece>").unwrap();
     let two = format!("{start}<Piece{piece}</Piece><Piece{piece}</Piece>{end}");
     let found = read("a.vtp", two).unwrap().mesh;
-    assert_eq!((found.n_vertices(), found.faces()), (8, &[[0, 1, 2], [4, 5, 6]][..]), "two pieces");
+    assert_eq!(
+        (found.n_vertices(), found.faces()),
+        (8, &[[0, 1, 2], [4, 5, 6]][..]),
+        "two pieces"
+    );
 }
 
 #[test]
@@ -73,18 +86,48 @@ fn broken_files_are_refused_with_the_place() {
     let cases = [
         ("this is no XML".to_owned(), "XML"),
         (good[..200].to_owned(), "XML"),
-        (swap("PolyData\" version", "ImageData\" version"), "PolyData"),
-        (swap("NumberOfPoints=\"4\"", "NumberOfPoints=\"5\""), "announces 5"),
-        (swap("NumberOfPoints=\"4\"", "NumberOfPoints=\"many\""), "many"),
-        (swap("NumberOfPolys=\"1\"", "NumberOfPolys=\"2\""), "announces 2"),
+        (
+            swap("PolyData\" version", "ImageData\" version"),
+            "PolyData",
+        ),
+        (
+            swap("NumberOfPoints=\"4\"", "NumberOfPoints=\"5\""),
+            "announces 5",
+        ),
+        (
+            swap("NumberOfPoints=\"4\"", "NumberOfPoints=\"many\""),
+            "many",
+        ),
+        (
+            swap("NumberOfPolys=\"1\"", "NumberOfPolys=\"2\""),
+            "announces 2",
+        ),
         (swap("0 1 2 3<", "0 1 2 9<"), "vertex 9"),
         (swap(">4<", ">40<"), "offset 40"),
         (swap("1 1 0 0", "1 NaN 0 0"), "not finite"),
         (swap("1 1 0 0", "1 x 0 0"), "not a number"),
-        (swap("byte_order=\"LittleEndian\"", "compressor=\"vtkLZ4DataCompressor\""), "vtkLZ4DataCompressor"),
-        (swap("format=\"ascii\">0 1", "format=\"binary\">0 1"), "connectivity"),
-        (swap("format=\"ascii\">0 1", "format=\"appended\" offset=\"7\">0 1"), "AppendedData"),
-        (swap("NumberOfPolys", "NumberOfStrips=\"3\" NumberOfPolys"), "strips"),
+        (
+            swap(
+                "byte_order=\"LittleEndian\"",
+                "compressor=\"vtkLZ4DataCompressor\"",
+            ),
+            "vtkLZ4DataCompressor",
+        ),
+        (
+            swap("format=\"ascii\">0 1", "format=\"binary\">0 1"),
+            "connectivity",
+        ),
+        (
+            swap(
+                "format=\"ascii\">0 1",
+                "format=\"appended\" offset=\"7\">0 1",
+            ),
+            "AppendedData",
+        ),
+        (
+            swap("NumberOfPolys", "NumberOfStrips=\"3\" NumberOfPolys"),
+            "strips",
+        ),
     ];
     for (text, word) in cases {
         let found = message("bad.vtp", &text);
@@ -95,9 +138,15 @@ fn broken_files_are_refused_with_the_place() {
 #[test]
 fn sizes_that_lie_do_not_allocate() {
     // A block of 2^60 bytes, and 2^60 blocks.
-    for (header, compressor) in [("AAAAAAAAABA=", ""), ("AAAAAAAAABA=", "compressor=\"vtkZLibDataCompressor\" ")] {
+    for (header, compressor) in [
+        ("AAAAAAAAABA=", ""),
+        ("AAAAAAAAABA=", "compressor=\"vtkZLibDataCompressor\" "),
+    ] {
         let text = ascii(POINTS, header, "4")
-            .replace("<VTKFile ", &format!("<VTKFile {compressor}header_type=\"UInt64\" "))
+            .replace(
+                "<VTKFile ",
+                &format!("<VTKFile {compressor}header_type=\"UInt64\" "),
+            )
             .replace("format=\"ascii\">AAAA", "format=\"binary\">AAAA");
         let found = message("bad.vtp", &text);
         assert!(found.contains("connectivity"), "{found}");

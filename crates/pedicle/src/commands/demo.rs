@@ -69,7 +69,12 @@ impl Arguments {
             console.check_output(path, None)?;
         }
         if let Some(folder) = &self.save {
-            for name in ["source/L1.ply", "target.ply", "plan.ron", "source-landmarks.ron"] {
+            for name in [
+                "source/L1.ply",
+                "target.ply",
+                "plan.ron",
+                "source-landmarks.ron",
+            ] {
                 console.check_new(&folder.join(name))?;
             }
         }

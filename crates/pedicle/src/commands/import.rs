@@ -61,7 +61,11 @@ fn sigma(text: &str) -> Result<f64, String> {
     let range = SurfaceOptions::SIGMA_VOXELS;
     match text.parse() {
         Ok(sigma) if range.contains(&sigma) => Ok(sigma),
-        Ok(_) => Err(format!("must be between {} and {}", range.start(), range.end())),
+        Ok(_) => Err(format!(
+            "must be between {} and {}",
+            range.start(),
+            range.end()
+        )),
         Err(error) => Err(format!("{error}")),
     }
 }
@@ -108,15 +112,24 @@ impl Arguments {
         })?;
         bar.finish_and_clear();
         let file = ImportFile::from_labels(path, &spine);
-        let meshes = spine.levels.into_iter().map(|l| (l.level, l.mesh)).collect();
+        let meshes = spine
+            .levels
+            .into_iter()
+            .map(|l| (l.level, l.mesh))
+            .collect();
         Ok((file, meshes))
     }
 }
 
-type Imported = (ImportFile, Vec<(pedicle_trajectory::Level, pedicle_mesh::TriMesh)>);
+type Imported = (
+    ImportFile,
+    Vec<(pedicle_trajectory::Level, pedicle_mesh::TriMesh)>,
+);
 
 fn named_scheme(name: &str) -> Result<LabelScheme, Error> {
-    let known = LabelScheme::all().into_iter().find(|scheme| scheme.name == name);
+    let known = LabelScheme::all()
+        .into_iter()
+        .find(|scheme| scheme.name == name);
     match known {
         Some(scheme) => Ok(scheme),
         None if name.ends_with(".ron") => Ok(LabelScheme::read(Path::new(name))?),
@@ -135,7 +148,14 @@ fn is_label_map(path: &Path) -> bool {
 fn summary(file: &ImportFile, folder: &Path) -> String {
     let mut table = Table::new();
     table.load_style(UTF8_FULL_CONDENSED).set_header([
-        "level", "label", "faces", "volume cm³", "change %", "dropped", "filled", "at border mm²",
+        "level",
+        "label",
+        "faces",
+        "volume cm³",
+        "change %",
+        "dropped",
+        "filled",
+        "at border mm²",
     ]);
     for column in table.column_iter_mut().skip(1) {
         column.set_cell_alignment(CellAlignment::Right);

@@ -12,12 +12,12 @@ use pedicle_mesh::{TriMesh, WriteOptions, read_mesh, write_mesh};
 
 use super::console::Console;
 use super::{at_least_one, exit_code};
+use crate::Error;
 use crate::shape::{
     ColoredShape, MapFile, MapShapesOptions, MapStage, NamedShape, OperatorChoice, Refinement,
-    Scale, ShapeEntry, glb_bytes, map_shapes, mean_image_distance,
-    pulled_back_colors, read_vertex_pairs, side_by_side, smooth_colors, write_bytes,
+    Scale, ShapeEntry, glb_bytes, map_shapes, mean_image_distance, pulled_back_colors,
+    read_vertex_pairs, side_by_side, smooth_colors, write_bytes,
 };
-use crate::Error;
 
 /// Map a shape to another: one vertex of A (the source) for every vertex of B (the target).
 #[derive(Debug, Args)]

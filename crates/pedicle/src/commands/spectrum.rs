@@ -10,8 +10,8 @@ use pedicle_mesh::read_mesh;
 
 use super::console::Console;
 use super::exit_code;
-use crate::shape::{OperatorChoice, SpectrumFile, spectrum};
 use crate::Error;
+use crate::shape::{OperatorChoice, SpectrumFile, spectrum};
 
 /// Smallest eigenvalues of the Laplacian of a mesh, with a proof that none is missing.
 #[derive(Debug, Args)]
