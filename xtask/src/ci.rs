@@ -6,8 +6,9 @@ use clap::Args;
 
 use crate::{XtaskError, complain, fixture, say, workspace_root};
 
-/// Run what .ci/run runs: format, lints, tests, documentation, a reduced benchmark on the phantom and,
-/// where they are, on the real spines, the commands of the book, and the reports in a browser.
+/// Run what .ci/run runs: format, lints, tests, documentation, other people's readers on our files, a
+/// reduced benchmark on the phantom and, where they are, on the real spines, the commands of the book,
+/// and the reports in a browser.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
     /// Folder with the real spines, ../shared/data beside the checkout by default; skipped, with
@@ -39,6 +40,7 @@ impl Arguments {
                 words("cargo doc --workspace --no-deps --locked"),
                 Some("-D warnings"),
             ),
+            ("exchange", words("cargo xtask check-exchange"), None),
         ];
         // The steps run in the root of the workspace, wherever this one was called from.
         let data = match self.data {

@@ -6,6 +6,7 @@ mod bench;
 mod ci;
 mod docs;
 mod error;
+mod exchange;
 mod measure;
 mod pairs;
 mod peers;
@@ -37,6 +38,7 @@ enum Command {
     BenchRegistration(registration::Arguments),
     BenchAnatomy(anatomy::Arguments),
     Scaling(scaling::Arguments),
+    CheckExchange(exchange::Arguments),
     MakePhantom(phantom::Arguments),
     CheckReports(reports::Arguments),
     CheckDocs(docs::Arguments),
@@ -59,6 +61,7 @@ fn main() -> ExitCode {
         Command::Scaling(arguments) => arguments.run(),
         Command::MeasurePair(arguments) => arguments.run(),
         Command::MeasureStage(arguments) => arguments.run(),
+        Command::CheckExchange(arguments) => arguments.run(),
         Command::MakePhantom(arguments) => arguments.run(),
         Command::CheckReports(arguments) => arguments.run(),
         Command::CheckDocs(arguments) => arguments.run(),

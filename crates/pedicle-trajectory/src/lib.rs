@@ -59,9 +59,9 @@ mod names;
 mod pedicle;
 mod plan;
 mod planner;
-mod stock;
 mod search;
 mod section;
+mod stock;
 
 pub use anatomy::{BodyAnatomy, CanalAnatomy, PedicleAnatomy, VertebraAnatomy, measure_spine};
 pub use anatomy_error::AnatomyError;
@@ -87,8 +87,8 @@ pub use plan::{
     Landmark, LandmarkError, Landmarks, Level, MAX_DIAMETER_MM, Plan, PlanError, Side, Trajectory,
     TrajectoryDefect,
 };
-pub use stock::{Implant, PlannedScrew, plan_from_stock};
 pub use planner::{NarrowPedicle, PlannerError, PlannerOptions, plan_pedicle, plan_spine};
+pub use stock::{Implant, PlannedScrew, plan_from_stock};
 
 /// The example of the README is compiled with the tests.
 #[cfg(doctest)]

@@ -17,6 +17,66 @@ pub enum Error {
     /// A plan or landmark file could not be read.
     #[error(transparent)]
     Format(#[from] pedicle_trajectory::FormatError),
+    /// A label map was refused.
+    #[error(transparent)]
+    Labels(#[from] pedicle_labels::LabelError),
+    /// An ITK transform could not be read.
+    #[error(transparent)]
+    ItkTransform(#[from] crate::ItkTransformError),
+    /// A result would go over a file that is there.
+    #[error("{}: there already; --force writes over it", path.display())]
+    Exists {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A scheme that is neither known nor a file.
+    #[error("the scheme {name:?} is neither verse nor totalsegmentator nor a .ron file")]
+    UnknownScheme {
+        /// The name given.
+        name: String,
+    },
+    /// A mesh file whose name tells no level.
+    #[error("{}: the name does not tell one level, as L4.stl or vertebra_L4.stl does", path.display())]
+    NoLevelInName {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A mesh whose coordinates nobody tells.
+    #[error(
+        "{}: neither a SPACE= comment nor --frame tells whether the coordinates are RAS or LPS",
+        path.display()
+    )]
+    UnknownFrame {
+        /// The file.
+        path: PathBuf,
+    },
+    /// Two levels in different coordinates.
+    #[error("{}: {first} is in {first_space}, but {second} in {}", path.display(), first_space.opposite())]
+    MixedFrames {
+        /// The folder.
+        path: PathBuf,
+        /// A level.
+        first: Level,
+        /// Its coordinates.
+        first_space: pedicle_mesh::Space,
+        /// Another level, in the other ones.
+        second: Level,
+    },
+    /// A plan in the wrong coordinates.
+    #[error(
+        "{}: {n_outside} of {n_trajectories} trajectories lie outside the spine, but all lie inside with \
+         x and y negated: the plan and the spine are not both in RAS or both in LPS (a Markups file \
+         says its own coordinateSystem, meshes by a SPACE= comment or --frame)",
+        path.display()
+    )]
+    PlanFlipped {
+        /// The plan.
+        path: PathBuf,
+        /// Trajectories outside as read.
+        n_outside: usize,
+        /// All of them.
+        n_trajectories: usize,
+    },
     /// There is nothing at this path.
     #[error("{}: no such file or folder", path.display())]
     NotThere {
@@ -32,7 +92,7 @@ pub enum Error {
         source: std::io::Error,
     },
     /// A level has no surface.
-    #[error("{}: no surface for {level} (expected files L1.ply to L5.ply, or .stl, .obj, .off)", path.display())]
+    #[error("{}: no surface for {level} (expected files L1.ply to L5.ply, or .stl, .obj, .off, .vtp)", path.display())]
     MissingLevel {
         /// The folder or file.
         path: PathBuf,
@@ -104,12 +164,6 @@ pub enum Error {
         path: PathBuf,
         /// Why.
         error: pedicle_trajectory::AssessError,
-    },
-    /// A file that is there would be written over.
-    #[error("{}: the file exists; --force writes over it", path.display())]
-    Exists {
-        /// The file.
-        path: PathBuf,
     },
     /// The phantom could not be made.
     #[error(transparent)]

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use pedicle_mesh::{MeshFormat, TriMesh, read_mesh, read_parts};
+use pedicle_mesh::{MeshFormat, Space, TriMesh, read_mesh, read_parts, space_of};
 use pedicle_spine::SourceVertebra;
 use pedicle_trajectory::{
     Landmark, Landmarks, Level, Plan, PlannerOptions, anatomical_frames, plan_spine,
@@ -22,7 +22,7 @@ const BACKGROUND_LABEL: u32 = 0;
 /// Reads the five vertebrae of a spine.
 ///
 /// In a folder, only files named after a level (`L1.ply` to `L5.ply`, also `.stl`, `.obj`,
-/// `.off`) are read. A labelled mesh has the levels as labels 20 to 24, as in VerSe, whatever else
+/// `.off`, `.vtp`) are read. A labelled mesh has the levels as labels 20 to 24, as in VerSe, whatever else
 /// it shows; or as labels 1 to 5, if there are no others but 0. Other labels could be any part of
 /// the spine and are refused.
 ///
@@ -30,11 +30,29 @@ const BACKGROUND_LABEL: u32 = 0;
 /// [`Error`] if there is nothing at the path, a file cannot be read, a level is missing or
 /// doubled, or the labels do not tell the levels.
 pub fn read_spine(path: impl AsRef<Path>) -> Result<Vec<SourceVertebra>, Error> {
+    Ok(read_spine_file(path)?.vertebrae)
+}
+
+/// A spine and what its files say about their coordinates.
+#[derive(Debug, Clone)]
+pub struct SpineFile {
+    /// L1 to L5.
+    pub vertebrae: Vec<SourceVertebra>,
+    /// RAS or LPS, if the files say so (`SPACE=`).
+    pub space: Option<Space>,
+}
+
+/// Reads the five vertebrae of a spine, as [`read_spine`], and what they say about their
+/// coordinates. Nothing is turned.
+///
+/// # Errors
+/// [`Error`] as [`read_spine`], and [`Error::MixedFrames`] if levels are in different coordinates.
+pub fn read_spine_file(path: impl AsRef<Path>) -> Result<SpineFile, Error> {
     let path = path.as_ref();
-    let found = if path.is_dir() {
+    let (found, space) = if path.is_dir() {
         read_folder(path)?
     } else if path.exists() {
-        read_labelled(path)?
+        (read_labelled(path)?, space_of(&read_mesh(path)?.comments))
     } else {
         return Err(Error::NotThere {
             path: path.to_owned(),
@@ -48,13 +66,16 @@ pub fn read_spine(path: impl AsRef<Path>) -> Result<Vec<SourceVertebra>, Error> 
             });
         }
     }
-    Ok(found
+    let vertebrae = found
         .into_iter()
         .map(|(level, surface)| SourceVertebra { level, surface })
-        .collect())
+        .collect();
+    Ok(SpineFile { vertebrae, space })
 }
 
-fn read_folder(path: &Path) -> Result<BTreeMap<Level, TriMesh>, Error> {
+type Levels = BTreeMap<Level, TriMesh>;
+
+fn read_folder(path: &Path) -> Result<(Levels, Option<Space>), Error> {
     let refused = |source| Error::ReadFolder {
         path: path.to_owned(),
         source,
@@ -83,10 +104,24 @@ fn read_folder(path: &Path) -> Result<BTreeMap<Level, TriMesh>, Error> {
             });
         }
     }
-    files
-        .into_iter()
-        .map(|(level, file)| Ok((level, read_mesh(&file)?.mesh)))
-        .collect()
+    let mut levels = Levels::new();
+    let mut space: Option<(Level, Space)> = None;
+    for (level, file) in files {
+        let read = read_mesh(&file)?;
+        if let Some(own) = space_of(&read.comments) {
+            let (first, first_space) = *space.get_or_insert((level, own));
+            if first_space != own {
+                return Err(Error::MixedFrames {
+                    path: path.to_owned(),
+                    first,
+                    first_space,
+                    second: level,
+                });
+            }
+        }
+        levels.insert(level, read.mesh);
+    }
+    Ok((levels, space.map(|(_, space)| space)))
 }
 
 fn file_name(path: &Path) -> String {

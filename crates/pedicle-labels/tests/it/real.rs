@@ -21,8 +21,11 @@ fn folder() -> Option<PathBuf> {
 /// Distances of the vertices of `from` from the surface `to`, increasing.
 fn distances_mm(from: &TriMesh, to: &TriMesh) -> Vec<f64> {
     let index = SurfaceIndex::new(to).unwrap();
-    let mut distances: Vec<f64> =
-        from.vertices().iter().map(|p| index.closest_point(p).distance_mm).collect();
+    let mut distances: Vec<f64> = from
+        .vertices()
+        .iter()
+        .map(|p| index.closest_point(p).distance_mm)
+        .collect();
     distances.sort_by(f64::total_cmp);
     distances
 }
@@ -38,7 +41,10 @@ fn main_part(mesh: &TriMesh) -> TriMesh {
 fn a_real_spine_agrees_with_marching_cubes() {
     let Some(folder) = folder() else {
         use std::io::Write;
-        let _closed = writeln!(std::io::stderr(), "skipped: no real label map beside the checkout");
+        let _closed = writeln!(
+            std::io::stderr(),
+            "skipped: no real label map beside the checkout"
+        );
         return;
     };
     let start = Instant::now();
@@ -50,9 +56,15 @@ fn a_real_spine_agrees_with_marching_cubes() {
     assert!(spine.missing.is_empty(), "all five: {:?}", spine.missing);
     for level in &spine.levels {
         let name = level.level.name();
-        assert!(is_closed_manifold(&level.mesh), "{name} is closed and manifold");
+        assert!(
+            is_closed_manifold(&level.mesh),
+            "{name} is closed and manifold"
+        );
         let reference = main_part(&read_mesh(folder.join(format!("{name}.ply"))).unwrap().mesh);
-        let both = [distances_mm(&level.mesh, &reference), distances_mm(&reference, &level.mesh)];
+        let both = [
+            distances_mm(&level.mesh, &reference),
+            distances_mm(&reference, &level.mesh),
+        ];
         for d in &both {
             let (p95, largest) = (d[d.len() * 95 / 100], d[d.len() - 1]);
             assert!(p95 <= P95_MM, "{name}: 95 % within {p95} mm");
@@ -60,6 +72,9 @@ fn a_real_spine_agrees_with_marching_cubes() {
         }
         let ratio = volume(&level.mesh) / volume(&reference) - 1.0;
         assert!(ratio.abs() <= VOLUME, "{name}: volume {ratio}");
-        assert!(level.volume_change.abs() < 1e-3, "{name}: the volume of the voxels is kept");
+        assert!(
+            level.volume_change.abs() < 1e-3,
+            "{name}: the volume of the voxels is kept"
+        );
     }
 }

@@ -7,3 +7,4 @@ mod shapes;
 mod simplify;
 mod surface_index;
 mod topology;
+mod vtp;

@@ -11,5 +11,6 @@ mod clinical;
 mod formats;
 mod frames;
 mod margins;
+mod markups;
 mod planner;
 mod real;

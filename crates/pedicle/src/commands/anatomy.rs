@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use clap::Args;
 use pedicle_trajectory::{PedicleOptions, Side, VertebraAnatomy, measure_spine};
 
-use super::{exit_code, output::deliver, table::table};
+use super::{console::Console, exit_code, table::table};
 use crate::{AnatomyFile, Error, level_pairs, read_spine};
 
 /// Measure every vertebra of a spine: pedicles, canal, body, landmark, and what to doubt.
@@ -22,17 +22,19 @@ pub(super) struct Arguments {
 
 impl Arguments {
     /// Exit code 3 if the shape of a vertebra did not allow a measure or is implausible.
-    pub(super) fn run(self) -> Result<ExitCode, Error> {
+    pub(super) fn run(self, console: Console) -> Result<ExitCode, Error> {
+        if let Some(path) = &self.json {
+            console.check_output(path, None)?;
+        }
         let vertebrae = read_spine(&self.spine)?;
         let pairs = level_pairs(&vertebrae);
-        let found = measure_spine(&pairs, &PedicleOptions::default()).map_err(|error| {
-            Error::Anatomy {
+        let found =
+            measure_spine(&pairs, &PedicleOptions::default()).map_err(|error| Error::Anatomy {
                 path: self.spine.clone(),
                 error,
-            }
-        })?;
+            })?;
         let file = AnatomyFile::from(&found[..]);
-        deliver(self.json.as_deref(), &file, &tables(&found))?;
+        console.report(self.json.as_deref(), &file, &tables(&found))?;
         let sound = |v: &VertebraAnatomy| v.doubts.iter().all(|doubt| doubt.is_minor());
         Ok(exit_code(found.iter().all(sound)))
     }
@@ -40,8 +42,15 @@ impl Arguments {
 
 fn tables(found: &[VertebraAnatomy]) -> String {
     let mut pedicles = table(&[
-        "level", "side", "width mm", "narrowest mm", "height mm", "transverse °", "sagittal °",
-        "chord mm", "confidence",
+        "level",
+        "side",
+        "width mm",
+        "narrowest mm",
+        "height mm",
+        "transverse °",
+        "sagittal °",
+        "chord mm",
+        "confidence",
     ]);
     let mut bodies = table(&[
         "level",

@@ -4,12 +4,14 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
+use pedicle_mesh::Space;
 use pedicle_trajectory::{
-    CheckOptions, PedicleOptions, ScrewReport, assess_plan, measure_spine, read_plan,
+    CheckOptions, MarkupsOptions, PedicleOptions, ScrewReport, assess_plan, measure_spine,
+    read_plan_with,
 };
 
-use super::{exit_code, output::deliver, table::table};
-use crate::{CheckFile, Error, level_pairs, read_spine};
+use super::{console::Console, exit_code, table::table};
+use crate::{CheckFile, Error, check_plan_frame, level_pairs, read_spine_file};
 
 /// Check every screw of a plan against the bone: grade, breach, clearance, facets, canal.
 #[derive(Debug, Args)]
@@ -26,40 +28,66 @@ pub(super) struct Arguments {
     /// Spine: a folder with L1.ply to L5.ply, or one PLY with a vertex label a level.
     #[arg(value_name = "SPINE")]
     spine: PathBuf,
-    /// Plan in the frame of the spine, .ron or .json.
+    /// Plan in the frame of the spine, .ron, .json or 3D Slicer's .mrk.json.
     #[arg(value_name = "PLAN")]
     plan: PathBuf,
     /// Write the result as JSON; - for standard output.
     #[arg(long, value_name = "OUT")]
     json: Option<PathBuf>,
+    /// Coordinates of the spine, RAS or LPS, for 3D Slicer's Markups; from its SPACE= comments if not
+    /// given, and RAS without those.
+    #[arg(long, value_name = "SPACE")]
+    frame: Option<Space>,
 }
 
 impl Arguments {
-    pub(super) fn run(self) -> Result<ExitCode, Error> {
-        let plan = read_plan(&self.plan)?;
-        let vertebrae = read_spine(&self.spine)?;
+    pub(super) fn run(self, console: Console) -> Result<ExitCode, Error> {
+        if let Some(path) = &self.json {
+            console.check_output(path, None)?;
+        }
+        let source = read_spine_file(&self.spine)?;
+        let options = MarkupsOptions {
+            space: self.frame.or(source.space).unwrap_or_default(),
+            ..MarkupsOptions::default()
+        };
+        let plan = read_plan_with(&self.plan, &options)?;
+        let vertebrae = source.vertebrae;
+        check_plan_frame(&self.plan, &plan, &vertebrae)?;
         let pairs = level_pairs(&vertebrae);
-        let spine = measure_spine(&pairs, &PedicleOptions::default()).map_err(|error| {
-            Error::Anatomy {
+        let spine =
+            measure_spine(&pairs, &PedicleOptions::default()).map_err(|error| Error::Anatomy {
                 path: self.spine.clone(),
                 error,
-            }
-        })?;
-        let reports = assess_plan(&spine, &pairs, &plan, &CheckOptions::default()).map_err(
-            |error| Error::Assess {
-                path: self.plan.clone(),
-                error,
-            },
+            })?;
+        let reports =
+            assess_plan(&spine, &pairs, &plan, &CheckOptions::default()).map_err(|error| {
+                Error::Assess {
+                    path: self.plan.clone(),
+                    error,
+                }
+            })?;
+        console.report(
+            self.json.as_deref(),
+            &CheckFile::from(&reports[..]),
+            &text(&reports),
         )?;
-        deliver(self.json.as_deref(), &CheckFile::from(&reports[..]), &text(&reports))?;
         Ok(exit_code(reports.iter().all(|r| r.grade.is_acceptable())))
     }
 }
 
 fn text(reports: &[ScrewReport]) -> String {
     let mut rows = table(&[
-        "level", "side", "grade", "breach mm", "to", "clear mm", "canal mm", "facet", "fill %",
-        "tip mm", "next screw mm",
+        "level",
+        "side",
+        "grade",
+        "breach mm",
+        "to",
+        "clear mm",
+        "canal mm",
+        "facet",
+        "fill %",
+        "tip mm",
+        "next screw mm",
     ]);
     let or_none = |x: Option<f64>| x.map_or("-".to_owned(), |x| format!("{x:.1}"));
     for r in reports {
@@ -81,5 +109,7 @@ fn text(reports: &[ScrewReport]) -> String {
     }
     let n = reports.len();
     let fine = reports.iter().filter(|r| r.grade.is_acceptable()).count();
-    format!("{rows}\n{fine} of {n} screws are grade A or B; the first 3 mm of bone at the entry do not count")
+    format!(
+        "{rows}\n{fine} of {n} screws are grade A or B; the first 3 mm of bone at the entry do not count"
+    )
 }

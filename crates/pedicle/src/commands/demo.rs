@@ -16,16 +16,19 @@ use pedicle_spine::{
 };
 use pedicle_trajectory::{SafetyMargins, write_landmarks, write_plan};
 
-use super::{exit_code, say, table::transfer_tables};
+use super::console::Console;
+use super::{exit_code, table::transfer_tables};
 use crate::report::{TransferReport, transfer_page};
-use crate::shape::check_output;
-use crate::{Error, TransferFile, write_json, write_text};
+use crate::{Error, TransferFile, write_text};
 
+/// Steps shown: the phantom, then the transfer.
+const N_STEPS: u64 = 2;
 /// Faces of the simulated target, as published.
 const N_TARGET_FACES: usize = 3500;
 
 /// Transfer the plan of a phantom spine to a simulated target and show the errors.
 #[derive(Debug, Args)]
+#[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
     /// What happens to the spine between CT and operating table.
     #[arg(long, value_enum, default_value_t = DemoDeformation::Partial)]
@@ -36,7 +39,7 @@ pub(super) struct Arguments {
     /// Seed of the phantom's scenario.
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
-    /// Write the result as JSON.
+    /// Write the result as JSON; - for standard output.
     #[arg(long, value_name = "OUT")]
     json: Option<PathBuf>,
     /// Write a page that shows the result beside the truth: one .html file for any browser.
@@ -46,6 +49,13 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "DIR")]
     save: Option<PathBuf>,
 }
+
+const EXAMPLES: &str = "\
+Examples:
+  pedicle demo
+  pedicle demo --deformation rigid --noise-mm 0.5 --save demo-files
+
+Exit codes: 0 everything accepted, 3 something rejected, 2 wrong usage or input.";
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum DemoDeformation {
@@ -58,10 +68,24 @@ enum DemoDeformation {
 }
 
 impl Arguments {
-    pub(super) fn run(self) -> Result<ExitCode, Error> {
-        if let Some(path) = &self.report {
-            check_output(path, Some(".html"))?;
+    pub(super) fn run(self, console: Console) -> Result<ExitCode, Error> {
+        for (path, extension) in [(&self.json, None), (&self.report, Some(".html"))] {
+            if let Some(path) = path {
+                console.check_output(path, extension)?;
+            }
         }
+        if let Some(folder) = &self.save {
+            for name in [
+                "source/L1.ply",
+                "target.ply",
+                "plan.ron",
+                "source-landmarks.ron",
+            ] {
+                console.check_new(&folder.join(name))?;
+            }
+        }
+        let bar = console.bar(N_STEPS);
+        bar.set_message("making the phantom");
         let phantom = generate_phantom(&PhantomParameters::default(), &MeshingOptions::default())?;
         let plan = phantom.plan();
         let source: Vec<SourceVertebra> = phantom
@@ -113,6 +137,8 @@ impl Arguments {
             write_landmarks(folder.join("target-landmarks.ron"), &target.landmarks)?;
         }
 
+        bar.inc(1);
+        bar.set_message("transfer");
         let options = TransferOptions {
             seed: self.seed,
             ..TransferOptions::default()
@@ -124,9 +150,6 @@ impl Arguments {
         let shown = self.report.as_ref().map(|_| source.clone());
         let model = SpineModel::new(source, &landmarks, &MapOptions::default()).map_err(refused)?;
         let result = transfer(&model, &plan, &target, &options).map_err(refused)?;
-        if let Some(path) = &self.json {
-            write_json(path, &TransferFile::from(&result))?;
-        }
         if let (Some(path), Some(source)) = (&self.report, &shown) {
             let truth: Vec<_> = simulated
                 .truth
@@ -147,15 +170,17 @@ impl Arguments {
             });
             write_text(path, &page.html())?;
         }
-        say(&format!(
-            "Phantom spine, {:?} target of {} vertices, noise {} mm, seed {}.\n",
+        bar.finish_and_clear();
+        let text = format!(
+            "Phantom spine, {:?} target of {} vertices, noise {} mm, seed {}.\n\n{}\n{}",
             self.deformation,
             simulated.mesh.n_vertices(),
             self.noise_mm,
-            self.seed
-        ));
-        say(&transfer_tables(&result));
-        say(&truth_table(&simulated, &result));
+            self.seed,
+            transfer_tables(&result),
+            truth_table(&simulated, &result),
+        );
+        console.report(self.json.as_deref(), &TransferFile::from(&result), &text)?;
         Ok(exit_code(result.all_accepted()))
     }
 }

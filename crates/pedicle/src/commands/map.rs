@@ -10,14 +10,15 @@ use nalgebra::Vector3;
 use pedicle_fmap::{OrientationBehaviour, PointMap};
 use pedicle_mesh::{TriMesh, WriteOptions, read_mesh, write_mesh};
 
-use super::{at_least_one, exit_code, progress::progress_bar, say};
+use super::console::Console;
+use super::{at_least_one, exit_code};
 use crate::report::map_page;
 use crate::shape::{
     ColoredShape, MapFile, MapShapesOptions, MapStage, NamedShape, OperatorChoice, Refinement,
-    Scale, ShapeEntry, check_output, glb_bytes, map_shapes, mean_image_distance,
-    pulled_back_colors, read_vertex_pairs, side_by_side, smooth_colors, write_bytes,
+    Scale, ShapeEntry, glb_bytes, map_shapes, mean_image_distance, pulled_back_colors,
+    read_vertex_pairs, side_by_side, smooth_colors, write_bytes,
 };
-use crate::{Error, write_json, write_text};
+use crate::{Error, write_text};
 
 /// Map a shape to another: one vertex of A (the source) for every vertex of B (the target).
 #[derive(Debug, Args)]
@@ -33,7 +34,7 @@ pub(super) struct Arguments {
     /// comments), or .json with [[source, target], …].
     #[arg(long, value_name = "FILE")]
     landmarks: Option<PathBuf>,
-    /// Write the map, its quality and how it was made as JSON.
+    /// Write the map, its quality and how it was made as JSON; - for standard output.
     #[arg(long, value_name = "OUT")]
     json: Option<PathBuf>,
     /// Write a coloured .ply with both shapes side by side (vertex property label: 0 source,
@@ -103,7 +104,7 @@ enum Orientation {
 }
 
 impl Arguments {
-    pub(super) fn run(self) -> Result<ExitCode, Error> {
+    pub(super) fn run(self, console: Console) -> Result<ExitCode, Error> {
         for (path, extension) in [
             (&self.json, None),
             (&self.ply, Some(".ply")),
@@ -111,10 +112,10 @@ impl Arguments {
             (&self.report, Some(".html")),
         ] {
             if let Some(path) = path {
-                check_output(path, extension)?;
+                console.check_output(path, extension)?;
             }
         }
-        let bar = progress_bar(MapStage::COUNT + 1);
+        let bar = console.bar(MapStage::COUNT + 1);
         bar.set_message("reading the shapes");
         let source_mesh = read_mesh(&self.source)?.mesh;
         let target_mesh = read_mesh(&self.target)?.mesh;
@@ -134,9 +135,6 @@ impl Arguments {
         bar.finish_and_clear();
 
         let file = MapFile::new(&source, &target, &landmarks, &options, &map)?;
-        if let Some(path) = &self.json {
-            write_json(path, &file)?;
-        }
         let point_map = map.point_map();
         if let Some(path) = &self.ply {
             write_ply(path, &source_mesh, &target_mesh, point_map)?;
@@ -153,7 +151,7 @@ impl Arguments {
                 })?;
             write_text(path, &page.html())?;
         }
-        say(&summary(&file));
+        console.report(self.json.as_deref(), &file, &summary(&file))?;
         Ok(exit_code(map.source.certified && map.target.certified))
     }
 

@@ -2,9 +2,12 @@
 
 mod anatomy;
 mod check;
+mod completions;
+mod console;
+mod convert;
 mod demo;
+mod import;
 mod map;
-mod output;
 mod plan;
 mod progress;
 mod spectrum;
@@ -31,6 +34,8 @@ pub const EXIT_REJECTED: u8 = 3;
 #[derive(Debug, Parser)]
 #[command(name = "pedicle", version, after_help = EXAMPLES)]
 pub struct Cli {
+    #[command(flatten)]
+    console: console::Console,
     #[command(subcommand)]
     command: Command,
 }
@@ -38,6 +43,8 @@ pub struct Cli {
 const EXAMPLES: &str = "\
 Examples:
   pedicle demo
+  pedicle import labels.nii.gz -o spine
+  pedicle convert plan.ron plan.mrk.json
   pedicle transfer --source fixtures/phantom --plan fixtures/phantom/plan.ron \\
       --source-landmarks fixtures/phantom/landmarks.ron \\
       --target target.ply --target-landmarks target-landmarks.json --json result.json
@@ -47,10 +54,15 @@ Examples:
   pedicle map cat-a.off cat-b.off --landmarks pairs.txt --json map.json --glb map.glb
   pedicle spectrum bone.stl -k 200 --json spectrum.json
 
-Exit codes: 0 everything accepted or certified, 3 something not, 2 wrong usage or input.";
+`pedicle COMMAND --help` has more. --json - prints the result on standard output and nothing else.
+Nothing is written over without --force. NO_COLOR is respected.
+
+Exit codes: 0 everything done, accepted or certified, 3 something not, 2 wrong usage or input.";
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Import(import::Arguments),
+    Convert(convert::Arguments),
     Transfer(transfer::Arguments),
     Demo(demo::Arguments),
     Anatomy(anatomy::Arguments),
@@ -58,6 +70,7 @@ enum Command {
     Check(check::Arguments),
     Map(map::Arguments),
     Spectrum(spectrum::Arguments),
+    Completions(completions::Arguments),
 }
 
 impl Cli {
@@ -66,14 +79,18 @@ impl Cli {
     /// # Errors
     /// [`Error`] if an input is wrong or a result cannot be written.
     pub fn run(self) -> Result<ExitCode, Error> {
+        let console = self.console;
         match self.command {
-            Command::Transfer(arguments) => arguments.run(),
-            Command::Demo(arguments) => arguments.run(),
-            Command::Anatomy(arguments) => arguments.run(),
-            Command::Plan(arguments) => arguments.run(),
-            Command::Check(arguments) => arguments.run(),
-            Command::Map(arguments) => arguments.run(),
-            Command::Spectrum(arguments) => arguments.run(),
+            Command::Import(arguments) => arguments.run(console),
+            Command::Convert(arguments) => arguments.run(console),
+            Command::Transfer(arguments) => arguments.run(console),
+            Command::Demo(arguments) => arguments.run(console),
+            Command::Anatomy(arguments) => arguments.run(console),
+            Command::Plan(arguments) => arguments.run(console),
+            Command::Check(arguments) => arguments.run(console),
+            Command::Map(arguments) => arguments.run(console),
+            Command::Spectrum(arguments) => arguments.run(console),
+            Command::Completions(arguments) => arguments.run(),
         }
     }
 }

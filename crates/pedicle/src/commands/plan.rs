@@ -4,14 +4,14 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
+use pedicle_mesh::Space;
 use pedicle_trajectory::{
     Catalogue, CheckOptions, Implant, Level, PedicleOptions, Plan, PlannedScrew, PlannerOptions,
-    ScrewReport, Side, assess_plan, measure_spine, plan_from_stock, read_catalogue, write_plan,
+    ScrewReport, Side, assess_plan, measure_spine, plan_from_stock, read_catalogue, write_plan_in,
 };
 
-use super::output::{deliver, refuse_overwrite};
-use super::table::table;
-use crate::{Error, PlanFile, level_pairs, read_spine};
+use super::{console::Console, table::table};
+use crate::{Error, PlanFile, level_pairs, read_spine_file};
 
 /// Plan the screw of largest clearance for every pedicle, within the limits.
 #[derive(Debug, Args)]
@@ -27,7 +27,7 @@ pub(super) struct Arguments {
     /// Spine: a folder with L1.ply to L5.ply, or one PLY with a vertex label a level.
     #[arg(value_name = "SPINE")]
     spine: PathBuf,
-    /// The plan to write, .ron or .json.
+    /// The plan to write, .ron, .json or 3D Slicer's .mrk.json.
     #[arg(short, long, value_name = "PLAN")]
     output: PathBuf,
     /// Only this level; may be given more than once.
@@ -46,9 +46,10 @@ pub(super) struct Arguments {
     /// Write plan and checks as JSON; - for standard output.
     #[arg(long, value_name = "OUT")]
     json: Option<PathBuf>,
-    /// Write over a plan that is there.
-    #[arg(long)]
-    force: bool,
+    /// Coordinates of the spine, RAS or LPS, for 3D Slicer's Markups; from its SPACE= comments if not
+    /// given, and RAS without those.
+    #[arg(long, value_name = "SPACE")]
+    frame: Option<Space>,
 }
 
 /// Bone kept between a planned screw and the cortex, mm.
@@ -63,21 +64,27 @@ fn length(text: &str) -> Result<f64, String> {
 }
 
 impl Arguments {
-    pub(super) fn run(self) -> Result<ExitCode, Error> {
-        refuse_overwrite(&self.output, self.force)?;
-        let vertebrae = read_spine(&self.spine)?;
+    pub(super) fn run(self, console: Console) -> Result<ExitCode, Error> {
+        for path in [Some(&self.output), self.json.as_ref()]
+            .into_iter()
+            .flatten()
+        {
+            console.check_output(path, None)?;
+        }
+        let source = read_spine_file(&self.spine)?;
+        let space = self.frame.or(source.space).unwrap_or_default();
+        let vertebrae = source.vertebrae;
         let catalogue = match &self.catalogue {
             Some(file) => read_catalogue(file)?,
             None => Catalogue::default(),
         };
         let pairs = level_pairs(&vertebrae);
         let path = || self.spine.clone();
-        let spine = measure_spine(&pairs, &PedicleOptions::default()).map_err(|error| {
-            Error::Anatomy {
+        let spine =
+            measure_spine(&pairs, &PedicleOptions::default()).map_err(|error| Error::Anatomy {
                 path: path(),
                 error,
-            }
-        })?;
+            })?;
         let options = PlannerOptions {
             length_mm: self.max_length_mm,
             min_clearance_mm: MIN_CLEARANCE_MM,
@@ -98,15 +105,16 @@ impl Arguments {
         let plan = Plan {
             trajectories: planned.iter().map(|p| p.trajectory).collect(),
         };
-        let reports = assess_plan(&spine, &pairs, &plan, &CheckOptions::default()).map_err(
-            |error| Error::Assess {
-                path: self.output.clone(),
-                error,
-            },
-        )?;
-        write_plan(&self.output, &plan)?;
+        let reports =
+            assess_plan(&spine, &pairs, &plan, &CheckOptions::default()).map_err(|error| {
+                Error::Assess {
+                    path: self.output.clone(),
+                    error,
+                }
+            })?;
+        write_plan_in(&self.output, &plan, space)?;
         let file = PlanFile::new(&planned, &reports);
-        deliver(self.json.as_deref(), &file, &text(&planned, &reports))?;
+        console.report(self.json.as_deref(), &file, &text(&planned, &reports))?;
         Ok(ExitCode::SUCCESS)
     }
 
@@ -127,7 +135,14 @@ impl Arguments {
 
 fn text(planned: &[PlannedScrew], reports: &[ScrewReport]) -> String {
     let mut rows = table(&[
-        "level", "side", "implant", "diameter mm", "length mm", "fill %", "clear mm", "grade",
+        "level",
+        "side",
+        "implant",
+        "diameter mm",
+        "length mm",
+        "fill %",
+        "clear mm",
+        "grade",
         "facet",
     ]);
     let mut words = String::new();

@@ -8,9 +8,10 @@ use comfy_table::presets::UTF8_FULL_CONDENSED;
 use comfy_table::{CellAlignment, Table};
 use pedicle_mesh::read_mesh;
 
-use super::{exit_code, progress::progress_bar, say};
-use crate::shape::{OperatorChoice, SpectrumFile, check_output, spectrum};
-use crate::{Error, write_json};
+use super::console::Console;
+use super::exit_code;
+use crate::Error;
+use crate::shape::{OperatorChoice, SpectrumFile, spectrum};
 
 /// Smallest eigenvalues of the Laplacian of a mesh, with a proof that none is missing.
 #[derive(Debug, Args)]
@@ -26,7 +27,7 @@ pub(super) struct Arguments {
     /// How the Laplacian is made.
     #[arg(long, value_enum, default_value_t = OperatorChoice::Cotangent)]
     operator: OperatorChoice,
-    /// Write eigenvalues, residuals and what was done as JSON.
+    /// Write eigenvalues, residuals and what was done as JSON; - for standard output.
     #[arg(long, value_name = "OUT")]
     json: Option<PathBuf>,
 }
@@ -48,21 +49,18 @@ const N_FIRST: usize = 12;
 const N_LAST: usize = 3;
 
 impl Arguments {
-    pub(super) fn run(self) -> Result<ExitCode, Error> {
+    pub(super) fn run(self, console: Console) -> Result<ExitCode, Error> {
         if let Some(path) = &self.json {
-            check_output(path, None)?;
+            console.check_output(path, None)?;
         }
-        let bar = progress_bar(2);
+        let bar = console.bar(2);
         bar.set_message("reading the mesh");
         let mesh = read_mesh(&self.mesh)?.mesh;
         bar.inc(1);
         bar.set_message("eigenvalues");
         let found = spectrum(&self.mesh, &mesh, self.k, self.operator)?;
         bar.finish_and_clear();
-        if let Some(path) = &self.json {
-            write_json(path, &found)?;
-        }
-        say(&summary(&found));
+        console.report(self.json.as_deref(), &found, &summary(&found))?;
         Ok(exit_code(found.certified))
     }
 }

@@ -11,6 +11,7 @@
 mod bad_input;
 mod clinical;
 mod demo;
+mod exchange;
 mod map;
 mod report;
 mod spectrum;

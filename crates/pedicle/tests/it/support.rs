@@ -117,8 +117,13 @@ impl Scene {
         copy
     }
 
-    /// Runs `pedicle transfer` on the scene.
+    /// Runs `pedicle transfer` on the scene, writing over earlier results.
     pub(crate) fn transfer(&self, more: &[&str]) -> Output {
+        self.transfer_without_force(&[more, &["--force"]].concat())
+    }
+
+    /// Runs `pedicle transfer` on the scene.
+    pub(crate) fn transfer_without_force(&self, more: &[&str]) -> Output {
         Command::new(env!("CARGO_BIN_EXE_pedicle"))
             .arg("transfer")
             .arg("--source")
