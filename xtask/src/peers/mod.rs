@@ -50,6 +50,9 @@ pub(crate) struct Arguments {
     /// up to 8 000 vertices, one beyond.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     slow_repeats: Option<u16>,
+    /// Only our own program, every stage as often as asked for; nothing is installed.
+    #[arg(long)]
+    alone: bool,
     /// Seed of the pairs.
     #[arg(long, value_name = "N", default_value_t = 20_260_101)]
     seed: u64,
@@ -86,7 +89,10 @@ pub(crate) struct Run {
 
 impl Arguments {
     pub(crate) fn run(self) -> Result<bool, XtaskError> {
-        let python = venv::interpreter(self.python.as_deref(), "requirements.txt")?;
+        let python = match &self.python {
+            _ if self.alone => PathBuf::new(),
+            python => venv::interpreter(python.as_deref(), "requirements.txt")?,
+        };
         let output = self
             .output
             .clone()
@@ -135,13 +141,17 @@ impl Arguments {
     ) -> Result<Series, XtaskError> {
         let n_slow = match self.slow_repeats {
             Some(asked) => asked.min(self.repeats).into(),
+            None if self.alone => self.repeats.into(),
             None => slow_repeats(pair.source.n_vertices(), self.repeats.into()),
         };
-        let programs = [Program::Pedicle, Program::Pyfmaps, Program::Scipy];
+        let programs: &[Program] = match self.alone {
+            true => &[Program::Pedicle],
+            false => &[Program::Pedicle, Program::Pyfmaps, Program::Scipy],
+        };
         let mut runs: BTreeMap<Program, Vec<Run>> = BTreeMap::new();
-        let bar = progress_bar(3 * usize::from(self.repeats));
+        let bar = progress_bar(programs.len() * usize::from(self.repeats));
         for repeat in 0..usize::from(self.repeats) {
-            for program in programs {
+            for &program in programs {
                 bar.set_message(format!("{}, {program:?}, {n_threads} threads", pair.name));
                 let job = job(pair, folder, program, (n_threads, repeat < n_slow));
                 let outcome = execute(&job, folder, python)?;
