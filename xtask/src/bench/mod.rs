@@ -7,6 +7,7 @@ mod cell;
 mod gates;
 mod limit;
 mod page;
+mod page_figures;
 mod published;
 mod report;
 mod score;
