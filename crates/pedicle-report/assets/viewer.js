@@ -28,7 +28,9 @@ class Viewer {
     this.radius = Math.hypot(this.halfWidth, this.halfHeight);
     this.drawn = 0;
     this.pace = 1;
-    new ResizeObserver(() => this.redraw()).observe(canvas);
+    new ResizeObserver(() => {
+      if (this.drawnSize !== `${canvas.clientWidth} ${canvas.clientHeight}`) this.redraw();
+    }).observe(canvas);
     page.themes.push(() => this.redraw());
     canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
     canvas.addEventListener("webglcontextrestored", () => location.reload());
@@ -251,6 +253,7 @@ class Viewer {
   draw(ratio) {
     const { scene, state, renderer } = this;
     renderer.resize(ratio);
+    this.drawnSize = `${this.canvas.clientWidth} ${this.canvas.clientHeight}`;
     const columns = scene.layouts[state.layout].columns, [width, height] = this.columnSize();
     renderer.clear(math.rgb(getComputedStyle(document.documentElement).getPropertyValue("--stage").trim()));
     columns.forEach((column, k) => {
@@ -302,7 +305,7 @@ const IDENTITY = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
       if (viewer.scene.first_layer !== null) viewer.chooseLayer(viewer.scene.first_layer);
       viewer.controls = new Controls(viewer);
       viewer.draw(1);
-      viewer.redraw();
+      viewer.rest = setTimeout(() => viewer.draw(FINE), 220);
       window.viewer = viewer;
     } catch (error) {
       // Told in the page: everything below the view is there all the same.

@@ -8,6 +8,7 @@ mod clinical;
 mod gates;
 mod limit;
 mod page;
+mod page_figures;
 mod published;
 mod report;
 mod score;

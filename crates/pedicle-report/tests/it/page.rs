@@ -138,5 +138,18 @@ fn names_cannot_break_out_of_the_page() {
             "a name made another '{tag}'"
         );
     }
-    assert!(!html.contains("\" onload="), "an attribute was ended");
+    // Inside a script that is data a quotation mark ends nothing.
+    assert!(
+        !without_scripts(&html).contains("\" onload="),
+        "an attribute was ended"
+    );
+}
+
+/// The page without what stands in its scripts.
+fn without_scripts(html: &str) -> String {
+    let mut parts = html.split("<script");
+    let first = parts.next().unwrap().to_owned();
+    parts.fold(first, |out, part| {
+        out + part.split_once("</script>").unwrap().1
+    })
 }

@@ -6,7 +6,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 pub(super) fn progress_bar(n_steps: u64) -> ProgressBar {
     let bar = ProgressBar::new(n_steps);
     // indicatif stays silent where standard error is no terminal.
-    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} {msg}") {
+    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} {msg}, about {eta} left")
+    {
         bar.set_style(style);
     }
     bar

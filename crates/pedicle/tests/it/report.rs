@@ -103,18 +103,29 @@ fn a_page_of_a_full_spine_takes_less_than_half_a_second() {
         transfer: &result,
         truth: Some(&truth),
     };
-    // The best of several: the machine may have other work.
-    let best = (0..7)
+    // The best of several, and without what other work on the machine takes.
+    let best = (0..5)
         .map(|_| {
-            let begun = Instant::now();
+            let begun = (Instant::now(), on_processor());
             let html = transfer_page(&report).html();
             assert!(html.len() < 10_000_000, "{} bytes", html.len());
-            begun.elapsed()
+            let wall = begun.0.elapsed();
+            let ours = on_processor()
+                .zip(begun.1)
+                .map(|(now, before)| now - before);
+            ours.map_or(wall, |ours| ours.min(wall))
         })
         .min()
         .unwrap();
     println!("a page of {n_faces} faces in {best:?}");
     assert!(best < TIME_LIMIT, "{best:?}");
+}
+
+/// Time that this thread has spent on a processor, where the system tells (Linux).
+fn on_processor() -> Option<Duration> {
+    let text = fs::read_to_string("/proc/thread-self/schedstat").ok()?;
+    let nanoseconds = text.split_whitespace().next()?.parse().ok()?;
+    Some(Duration::from_nanos(nanoseconds))
 }
 
 #[test]
