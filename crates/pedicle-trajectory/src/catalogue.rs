@@ -66,7 +66,9 @@ pub enum CatalogueError {
         before_mm: f64,
     },
     /// A guide wire as thick as a screw.
-    #[error("the guide wire of {wire_mm} mm is not thinner than the thinnest screw of {screw_mm} mm")]
+    #[error(
+        "the guide wire of {wire_mm} mm is not thinner than the thinnest screw of {screw_mm} mm"
+    )]
     WireTooThick {
         /// The thickest wire, mm.
         wire_mm: f64,

@@ -14,7 +14,7 @@ pub enum Doubt {
     /// The heights of the body differ as they do after a collapse (Genant et al., J. Bone Miner.
     /// Res. 8(9), 1993: a loss of 20 % or more is a fracture).
     Collapsed {
-        /// Least of the three heights over the largest.
+        /// The lower wall over the higher, or the middle over the mean of both: the lesser ratio.
         height_ratio: f64,
         /// Least ratio of a sound body.
         min_ratio: f64,
@@ -96,7 +96,7 @@ impl std::fmt::Display for Doubt {
                 min_ratio,
             } => write!(
                 f,
-                "the body may have collapsed: its least height is {height_ratio:.2} of its largest (sound: {min_ratio})"
+                "the body may have collapsed: one of its heights is {height_ratio:.2} of another (sound: {min_ratio})"
             ),
             Self::BodyHeight {
                 height_mm,
@@ -106,7 +106,10 @@ impl std::fmt::Display for Doubt {
                 "the body is {height_mm:.1} mm high, the median of the spine is {median_mm:.1}"
             ),
             Self::Fused { with, gap_mm } => {
-                write!(f, "no disc towards {with}: the bodies are {gap_mm:.1} mm apart")
+                write!(
+                    f,
+                    "no disc towards {with}: the bodies are {gap_mm:.1} mm apart"
+                )
             }
             Self::MissingPedicle { side } => write!(f, "no {side} pedicle"),
             Self::NoNeck { side } => write!(f, "the {side} pedicle has no narrowest section"),

@@ -83,6 +83,9 @@ mod tests {
         for (breach_mm, grade) in cases {
             assert_eq!(Grade::of_breach_mm(breach_mm), grade, "{breach_mm} mm");
         }
-        assert!(Grade::B.is_acceptable() && !Grade::C.is_acceptable(), "B, C");
+        assert!(
+            Grade::B.is_acceptable() && !Grade::C.is_acceptable(),
+            "B, C"
+        );
     }
 }

@@ -57,13 +57,11 @@ mod names;
 mod pedicle;
 mod plan;
 mod planner;
-mod stock;
 mod search;
 mod section;
+mod stock;
 
-pub use anatomy::{
-    BodyAnatomy, CanalAnatomy, PedicleAnatomy, VertebraAnatomy, measure_spine,
-};
+pub use anatomy::{BodyAnatomy, CanalAnatomy, PedicleAnatomy, VertebraAnatomy, measure_spine};
 pub use anatomy_error::AnatomyError;
 pub use assess::{AssessError, NearestScrew, ScrewReport, assess_plan};
 pub use catalogue::{Catalogue, CatalogueError};
@@ -72,9 +70,11 @@ pub use check::{
 };
 pub use doubt::{Confidence, Doubt};
 pub use facets::{FacetViolation, articular_points};
-pub use formats::{FormatError, read_catalogue, read_landmarks, read_plan, write_landmarks, write_plan};
-pub use grade::Grade;
+pub use formats::{
+    FormatError, read_catalogue, read_landmarks, read_plan, write_landmarks, write_plan,
+};
 pub use frame::{AnatomicalFrame, anatomical_frames, spinous_process_tip};
+pub use grade::Grade;
 pub use margins::{MarginError, SafetyMargins};
 pub use names::UnknownName;
 pub use pedicle::{Pedicle, PedicleOptions, measure_pedicle};
@@ -82,8 +82,8 @@ pub use plan::{
     Landmark, LandmarkError, Landmarks, Level, MAX_DIAMETER_MM, Plan, PlanError, Side, Trajectory,
     TrajectoryDefect,
 };
-pub use stock::{Implant, PlannedScrew, plan_from_stock};
 pub use planner::{NarrowPedicle, PlannerError, PlannerOptions, plan_pedicle, plan_spine};
+pub use stock::{Implant, PlannedScrew, plan_from_stock};
 
 /// The example of the README is compiled with the tests.
 #[cfg(doctest)]

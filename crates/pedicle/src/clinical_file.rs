@@ -238,7 +238,12 @@ impl From<&VertebraAnatomy> for AnatomyEntry {
         let mut errors = Vec::new();
         errors.extend(v.body.as_ref().err().map(ToString::to_string));
         errors.extend(v.canal.as_ref().err().map(ToString::to_string));
-        errors.extend(v.spinous_process_tip_mm.as_ref().err().map(ToString::to_string));
+        errors.extend(
+            v.spinous_process_tip_mm
+                .as_ref()
+                .err()
+                .map(ToString::to_string),
+        );
         for side in Side::ALL {
             errors.extend(v.pedicle(side).err().map(|e| e.to_string()));
         }

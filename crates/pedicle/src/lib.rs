@@ -34,7 +34,7 @@ pub use result_file::{
     VertebraEntry, write_json, write_text,
 };
 pub use shape::VertexPairError;
-pub use spine_files::{level_pairs, landmarks_from_shape, plan_from_shape, read_spine};
+pub use spine_files::{landmarks_from_shape, level_pairs, plan_from_shape, read_spine};
 
 /// The example of the README is run with the tests.
 #[cfg(doctest)]

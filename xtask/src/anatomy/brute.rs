@@ -2,11 +2,11 @@
 //! regular grid, then finer grids around the best.
 
 use nalgebra::{Point3, Vector3};
-use pedicle_trajectory::{
-    Catalogue, CheckOptions, Level, Pedicle, PlannerError, PlannerOptions, Side,
-    Trajectory, VertebraAnatomy, check_trajectory, plan_from_stock,
-};
 use pedicle_mesh::TriMesh;
+use pedicle_trajectory::{
+    Catalogue, CheckOptions, Level, Pedicle, PlannerError, PlannerOptions, Side, Trajectory,
+    VertebraAnatomy, check_trajectory, plan_from_stock,
+};
 
 /// Thinnest lumbar pedicle screw; what is thinner is a guide wire, mm.
 pub(super) const THINNEST_SCREW_MM: f64 = 4.0;

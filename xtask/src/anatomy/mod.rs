@@ -12,8 +12,7 @@ use comfy_table::presets::UTF8_FULL_CONDENSED;
 use pedicle_mesh::TriMesh;
 use pedicle_simulation::{MeshingOptions, PhantomParameters, generate_phantom, subject_seed};
 use pedicle_trajectory::{
-    CheckOptions, Grade, Level, PedicleOptions, Plan, ScrewReport, Side, assess_plan,
-    measure_spine,
+    CheckOptions, Grade, Level, PedicleOptions, Plan, ScrewReport, Side, assess_plan, measure_spine,
 };
 use rayon::prelude::*;
 
@@ -62,7 +61,12 @@ impl Arguments {
             Some(path) => {
                 let vertebrae = pedicle::read_spine(path)?;
                 let pairs = pedicle::level_pairs(&vertebrae);
-                vec![study(&path.display().to_string(), &pairs, None, self.brute > 0)?]
+                vec![study(
+                    &path.display().to_string(),
+                    &pairs,
+                    None,
+                    self.brute > 0,
+                )?]
             }
             None => (0..self.subjects)
                 .into_par_iter()
@@ -130,7 +134,9 @@ impl Arguments {
         if !brute.is_empty() {
             let mut table = new_table(
                 UTF8_FULL_CONDENSED,
-                ["screw", "clear mm", "dense search mm"].map(String::from).to_vec(),
+                ["screw", "clear mm", "dense search mm"]
+                    .map(String::from)
+                    .to_vec(),
             );
             for p in &brute {
                 table.add_row([
@@ -156,12 +162,11 @@ fn study(
     phantom: Option<&pedicle_simulation::Phantom>,
     search: bool,
 ) -> Result<Found, XtaskError> {
-    let spine = measure_spine(pairs, &PedicleOptions::default()).map_err(|error| {
-        XtaskError::Anatomy {
+    let spine =
+        measure_spine(pairs, &PedicleOptions::default()).map_err(|error| XtaskError::Anatomy {
             spine: name.to_owned(),
             error,
-        }
-    })?;
+        })?;
     let mut found = Found {
         measures: Vec::new(),
         missing: Vec::new(),
@@ -174,7 +179,8 @@ fn study(
             let place = format!("{name} {} {side}", v.level);
             match v.pedicle(side) {
                 Ok(anatomy) => {
-                    let truth = phantom.map(|p| &p.vertebrae[v.level.index()].pedicles[side as usize]);
+                    let truth =
+                        phantom.map(|p| &p.vertebrae[v.level.index()].pedicles[side as usize]);
                     found
                         .measures
                         .extend(truth.map(|t| MeasureError::new(place.clone(), anatomy, t)));
@@ -187,12 +193,13 @@ fn study(
             }
         }
     }
-    found.screws = assess_plan(&spine, pairs, &plan, &CheckOptions::default()).map_err(|error| {
-        XtaskError::Check {
-            scenario: name.to_owned(),
-            error: error.to_string(),
-        }
-    })?;
+    found.screws =
+        assess_plan(&spine, pairs, &plan, &CheckOptions::default()).map_err(|error| {
+            XtaskError::Check {
+                scenario: name.to_owned(),
+                error: error.to_string(),
+            }
+        })?;
     if search {
         found.brute = plan
             .trajectories

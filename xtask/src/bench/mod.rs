@@ -27,10 +27,10 @@ use serde::Serialize;
 use crate::baselines::Source;
 use crate::{XtaskError, complain, fixture, say};
 use beside::BesideScore;
-pub(crate) use report::new_table;
 use case::Case;
 use cell::{Cell, cells};
 use gates::Gates;
+pub(crate) use report::new_table;
 use score::ScenarioScore;
 use suites::{Spine, SuiteChoice};
 

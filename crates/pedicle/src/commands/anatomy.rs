@@ -25,12 +25,11 @@ impl Arguments {
     pub(super) fn run(self) -> Result<ExitCode, Error> {
         let vertebrae = read_spine(&self.spine)?;
         let pairs = level_pairs(&vertebrae);
-        let found = measure_spine(&pairs, &PedicleOptions::default()).map_err(|error| {
-            Error::Anatomy {
+        let found =
+            measure_spine(&pairs, &PedicleOptions::default()).map_err(|error| Error::Anatomy {
                 path: self.spine.clone(),
                 error,
-            }
-        })?;
+            })?;
         let file = AnatomyFile::from(&found[..]);
         deliver(self.json.as_deref(), &file, &tables(&found))?;
         let sound = |v: &VertebraAnatomy| v.doubts.iter().all(|doubt| doubt.is_minor());
@@ -40,8 +39,15 @@ impl Arguments {
 
 fn tables(found: &[VertebraAnatomy]) -> String {
     let mut pedicles = table(&[
-        "level", "side", "width mm", "narrowest mm", "height mm", "transverse °", "sagittal °",
-        "chord mm", "confidence",
+        "level",
+        "side",
+        "width mm",
+        "narrowest mm",
+        "height mm",
+        "transverse °",
+        "sagittal °",
+        "chord mm",
+        "confidence",
     ]);
     let mut bodies = table(&[
         "level",

@@ -39,27 +39,40 @@ impl Arguments {
         let plan = read_plan(&self.plan)?;
         let vertebrae = read_spine(&self.spine)?;
         let pairs = level_pairs(&vertebrae);
-        let spine = measure_spine(&pairs, &PedicleOptions::default()).map_err(|error| {
-            Error::Anatomy {
+        let spine =
+            measure_spine(&pairs, &PedicleOptions::default()).map_err(|error| Error::Anatomy {
                 path: self.spine.clone(),
                 error,
-            }
-        })?;
-        let reports = assess_plan(&spine, &pairs, &plan, &CheckOptions::default()).map_err(
-            |error| Error::Assess {
-                path: self.plan.clone(),
-                error,
-            },
+            })?;
+        let reports =
+            assess_plan(&spine, &pairs, &plan, &CheckOptions::default()).map_err(|error| {
+                Error::Assess {
+                    path: self.plan.clone(),
+                    error,
+                }
+            })?;
+        deliver(
+            self.json.as_deref(),
+            &CheckFile::from(&reports[..]),
+            &text(&reports),
         )?;
-        deliver(self.json.as_deref(), &CheckFile::from(&reports[..]), &text(&reports))?;
         Ok(exit_code(reports.iter().all(|r| r.grade.is_acceptable())))
     }
 }
 
 fn text(reports: &[ScrewReport]) -> String {
     let mut rows = table(&[
-        "level", "side", "grade", "breach mm", "to", "clear mm", "canal mm", "facet", "fill %",
-        "tip mm", "next screw mm",
+        "level",
+        "side",
+        "grade",
+        "breach mm",
+        "to",
+        "clear mm",
+        "canal mm",
+        "facet",
+        "fill %",
+        "tip mm",
+        "next screw mm",
     ]);
     let or_none = |x: Option<f64>| x.map_or("-".to_owned(), |x| format!("{x:.1}"));
     for r in reports {
@@ -81,5 +94,7 @@ fn text(reports: &[ScrewReport]) -> String {
     }
     let n = reports.len();
     let fine = reports.iter().filter(|r| r.grade.is_acceptable()).count();
-    format!("{rows}\n{fine} of {n} screws are grade A or B; the first 3 mm of bone at the entry do not count")
+    format!(
+        "{rows}\n{fine} of {n} screws are grade A or B; the first 3 mm of bone at the entry do not count"
+    )
 }

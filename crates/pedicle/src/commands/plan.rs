@@ -72,12 +72,11 @@ impl Arguments {
         };
         let pairs = level_pairs(&vertebrae);
         let path = || self.spine.clone();
-        let spine = measure_spine(&pairs, &PedicleOptions::default()).map_err(|error| {
-            Error::Anatomy {
+        let spine =
+            measure_spine(&pairs, &PedicleOptions::default()).map_err(|error| Error::Anatomy {
                 path: path(),
                 error,
-            }
-        })?;
+            })?;
         let options = PlannerOptions {
             length_mm: self.max_length_mm,
             min_clearance_mm: MIN_CLEARANCE_MM,
@@ -98,12 +97,13 @@ impl Arguments {
         let plan = Plan {
             trajectories: planned.iter().map(|p| p.trajectory).collect(),
         };
-        let reports = assess_plan(&spine, &pairs, &plan, &CheckOptions::default()).map_err(
-            |error| Error::Assess {
-                path: self.output.clone(),
-                error,
-            },
-        )?;
+        let reports =
+            assess_plan(&spine, &pairs, &plan, &CheckOptions::default()).map_err(|error| {
+                Error::Assess {
+                    path: self.output.clone(),
+                    error,
+                }
+            })?;
         write_plan(&self.output, &plan)?;
         let file = PlanFile::new(&planned, &reports);
         deliver(self.json.as_deref(), &file, &text(&planned, &reports))?;
@@ -127,7 +127,14 @@ impl Arguments {
 
 fn text(planned: &[PlannedScrew], reports: &[ScrewReport]) -> String {
     let mut rows = table(&[
-        "level", "side", "implant", "diameter mm", "length mm", "fill %", "clear mm", "grade",
+        "level",
+        "side",
+        "implant",
+        "diameter mm",
+        "length mm",
+        "fill %",
+        "clear mm",
+        "grade",
         "facet",
     ]);
     let mut words = String::new();

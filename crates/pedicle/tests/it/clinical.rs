@@ -35,18 +35,35 @@ fn a_spine_is_measured_planned_and_checked() {
     for v in vertebrae {
         for p in v["pedicles"].as_array().unwrap() {
             assert!(p["width_mm"].as_f64().unwrap() > 7.0, "{p}");
-            assert!(p["isthmus_contour_mm"].as_array().unwrap().len() > 10, "{p}");
+            assert!(
+                p["isthmus_contour_mm"].as_array().unwrap().len() > 10,
+                "{p}"
+            );
         }
         assert!(v["spinous_process_tip_mm"].is_array(), "{v}");
     }
 
     let planned = pedicle(&["plan", text(&spine), "-o", text(&plan)]);
     assert_eq!(planned.status.code(), Some(0), "{}", stderr(&planned));
-    assert_eq!(read_plan(&plan).unwrap().trajectories.len(), 10, "ten screws");
+    assert_eq!(
+        read_plan(&plan).unwrap().trajectories.len(),
+        10,
+        "ten screws"
+    );
     let again = pedicle(&["plan", text(&spine), "-o", text(&plan)]);
     assert_eq!(again.status.code(), Some(2), "not written over");
     assert!(stderr(&again).contains("--force"), "{}", stderr(&again));
-    let one = ["plan", text(&spine), "-o", text(&plan), "--force", "--level", "L4", "--side", "left"];
+    let one = [
+        "plan",
+        text(&spine),
+        "-o",
+        text(&plan),
+        "--force",
+        "--level",
+        "L4",
+        "--side",
+        "left",
+    ];
     let json = folder.path().join("plan.json");
     let one: Vec<&str> = one.into_iter().chain(["--json", text(&json)]).collect();
     let one = pedicle(&one);
@@ -104,18 +121,36 @@ fn bad_plans_and_catalogues_are_named() {
     };
     let screw = |fields: &str| format!("(trajectories: [(level: L3, side: left, {fields})])");
     let cases = [
-        ("entry_mm: (0, 0, 0), tip_mm: (0, 0, 0), diameter_mm: 6", "apart"),
-        ("entry_mm: (NaN, 0, 0), tip_mm: (0, 9, 0), diameter_mm: 6", "not finite"),
-        ("entry_mm: (0, 0, 0), tip_mm: (0, 9, 0), diameter_mm: -6", "-6"),
+        (
+            "entry_mm: (0, 0, 0), tip_mm: (0, 0, 0), diameter_mm: 6",
+            "apart",
+        ),
+        (
+            "entry_mm: (NaN, 0, 0), tip_mm: (0, 9, 0), diameter_mm: 6",
+            "not finite",
+        ),
+        (
+            "entry_mm: (0, 0, 0), tip_mm: (0, 9, 0), diameter_mm: -6",
+            "-6",
+        ),
     ];
     for (fields, word) in cases {
         let plan = file("bad.ron", &screw(fields));
-        refused(&["check", text(&spine), text(&plan)], &["bad.ron", "L3 left", word]);
+        refused(
+            &["check", text(&spine), text(&plan)],
+            &["bad.ron", "L3 left", word],
+        );
     }
     let one = "(level: L3, side: left, entry_mm: (0, 0, 0), tip_mm: (0, 9, 0), diameter_mm: 6)";
     let twice = file("twice.ron", &format!("(trajectories: [{one}, {one}])"));
-    refused(&["check", text(&spine), text(&twice)], &["twice.ron", "0 and 1", "L3 left"]);
-    let t12 = file("t12.ron", &format!("(trajectories: [{}])", one.replace("L3", "T12")));
+    refused(
+        &["check", text(&spine), text(&twice)],
+        &["twice.ron", "0 and 1", "L3 left"],
+    );
+    let t12 = file(
+        "t12.ron",
+        &format!("(trajectories: [{}])", one.replace("L3", "T12")),
+    );
     refused(&["check", text(&spine), text(&t12)], &["t12.ron", "T12"]);
 
     let mut flipped: Plan = read_plan(fixture("plan.ron")).unwrap();
@@ -126,7 +161,10 @@ fn bad_plans_and_catalogues_are_named() {
     }
     let path = folder.path().join("lps.ron");
     write_plan(&path, &flipped).unwrap();
-    refused(&["check", text(&spine), text(&path)], &["lps.ron", "RAS", "LPS"]);
+    refused(
+        &["check", text(&spine), text(&path)],
+        &["lps.ron", "RAS", "LPS"],
+    );
 
     let output = folder.path().join("out.ron");
     for (content, word) in [
@@ -136,13 +174,27 @@ fn bad_plans_and_catalogues_are_named() {
     ] {
         let catalogue = file("screws.ron", content);
         refused(
-            &["plan", text(&spine), "-o", text(&output), "--catalogue", text(&catalogue)],
+            &[
+                "plan",
+                text(&spine),
+                "-o",
+                text(&output),
+                "--catalogue",
+                text(&catalogue),
+            ],
             &["screws.ron", word],
         );
     }
     let thick = file("thick.ron", "(diameters_mm: [15], lengths_mm: [40])");
     refused(
-        &["plan", text(&spine), "-o", text(&output), "--catalogue", text(&thick)],
+        &[
+            "plan",
+            text(&spine),
+            "-o",
+            text(&output),
+            "--catalogue",
+            text(&thick),
+        ],
         &["L1 left", "15 mm screw"],
     );
     assert!(!output.exists(), "a refused plan leaves no file");
