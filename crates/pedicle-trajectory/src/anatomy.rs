@@ -106,7 +106,7 @@ impl VertebraAnatomy {
     }
 }
 
-/// Least over largest of the three heights of a sound body: Genant's limit of 20 %.
+/// Lower over higher wall, and middle over the mean of both, of a sound body: Genant's limit of 20 %.
 const MIN_HEIGHT_RATIO: f64 = 0.8;
 /// A body outside these parts of the median height of the spine is out of the ordinary.
 const HEIGHT_OF_MEDIAN: (f64, f64) = (0.75, 1.35);
@@ -282,14 +282,10 @@ fn canal_anatomy(
 const CANAL_BEHIND_WALL_MM: f64 = 2.0;
 
 fn collapsed(body: &BodyAnatomy) -> Option<Doubt> {
-    let heights = [
-        body.posterior_height_mm,
-        body.middle_height_mm,
-        body.anterior_height_mm,
-    ];
-    let least = heights.iter().copied().fold(f64::INFINITY, f64::min);
-    let most = heights.iter().copied().fold(0.0, f64::max);
-    let height_ratio = least / most;
+    let (back, front) = (body.posterior_height_mm, body.anterior_height_mm);
+    let wedge = back.min(front) / back.max(front);
+    let biconcave = body.middle_height_mm / (0.5 * (back + front));
+    let height_ratio = wedge.min(biconcave);
     // NaN is not sound either.
     let sound = height_ratio >= MIN_HEIGHT_RATIO;
     (!sound).then_some(Doubt::Collapsed {

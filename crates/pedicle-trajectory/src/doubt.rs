@@ -14,7 +14,7 @@ pub enum Doubt {
     /// The heights of the body differ as they do after a collapse (Genant et al., J. Bone Miner.
     /// Res. 8(9), 1993: a loss of 20 % or more is a fracture).
     Collapsed {
-        /// Least of the three heights over the largest.
+        /// The lower wall over the higher, or the middle over the mean of both: the lesser ratio.
         height_ratio: f64,
         /// Least ratio of a sound body.
         min_ratio: f64,
@@ -96,7 +96,7 @@ impl std::fmt::Display for Doubt {
                 min_ratio,
             } => write!(
                 f,
-                "the body may have collapsed: its least height is {height_ratio:.2} of its largest (sound: {min_ratio})"
+                "the body may have collapsed: one of its heights is {height_ratio:.2} of another (sound: {min_ratio})"
             ),
             Self::BodyHeight {
                 height_mm,

@@ -59,7 +59,8 @@ pub struct Pedicle {
     pub axis: Vector3<f64>,
     /// Unit vector along the width, towards the patient's left.
     pub width_direction: Vector3<f64>,
-    /// Width of the isthmus, mm: the medio-lateral chord through its centroid.
+    /// Width of the isthmus, mm: the medio-lateral chord through its centroid; in an isthmus that
+    /// leans, the shortest chord within 45 degrees of medio-lateral.
     pub width_mm: f64,
     /// The shortest chord through its centroid in any direction, mm: what a screw has to fit. Less
     /// than the width where the isthmus leans or is lower than wide.
@@ -100,6 +101,12 @@ pub(crate) fn pedicle_with_isthmus(
     let body = Body::find(mesh, frame)?;
     let seed = seed_point(mesh, frame, &body, side)?;
     let line = deepest_line(index, frame, &body, seed);
+    if !line.bridges(index) {
+        return Err(AnatomyError::NoPedicle {
+            side,
+            reason: "no line runs inside the bone from behind the canal into the body",
+        });
+    }
     let profile = Profile::along(mesh, frame, &line, options);
     let first = profile.pedicle(side, options)?;
     let found = refined_isthmus(mesh, first.isthmus_center_mm, first.axis, frame.left);
@@ -189,6 +196,15 @@ impl Line {
     fn axis(&self) -> Vector3<f64> {
         (self.front - self.back).normalize()
     }
+
+    /// Whether bone leads all along it from behind the canal to the body.
+    fn bridges(&self, index: &SurfaceIndex) -> bool {
+        (0..=BRIDGE_POINTS).all(|k| {
+            let share = k as f64 / BRIDGE_POINTS as f64;
+            let t = BRIDGE_FROM + share * (WALL_ON_LINE - BRIDGE_FROM);
+            depth_mm(index, &(self.back + (self.front - self.back) * t)) > BRIDGE_DEPTH_MM
+        })
+    }
 }
 
 /// The line is laid between these distances behind the posterior wall and inside the body, mm.
@@ -196,6 +212,12 @@ const LINE_BEHIND_MM: f64 = 8.0;
 const LINE_INSIDE_MM: f64 = 7.0;
 /// Where along the line the posterior wall is.
 const WALL_ON_LINE: f64 = LINE_BEHIND_MM / (LINE_BEHIND_MM + LINE_INSIDE_MM);
+/// Where along the line bone has to begin: 6 mm behind the posterior wall.
+const BRIDGE_FROM: f64 = 2.0 / (LINE_BEHIND_MM + LINE_INSIDE_MM);
+/// Points at which there has to be bone.
+const BRIDGE_POINTS: usize = 24;
+/// Depth that a point in a bridge has, mm.
+const BRIDGE_DEPTH_MM: f64 = 0.5;
 /// First and last step of the search for the middle of the isthmus, mm.
 const CENTER_STEPS_MM: (f64, f64) = (0.5, 0.01);
 /// Depth that a line may gain by leaving the plane of the end plates: the square of its slope
@@ -349,7 +371,8 @@ impl Profile {
             .unwrap_or(isthmus);
         let slice = &self.slices[isthmus];
         let center = slice.center();
-        let (narrowest_mm, across) = narrowest_chord(&slice.contour, &center);
+        let (narrowest_mm, across) =
+            narrowest_chord(&slice.contour, &center, std::f64::consts::FRAC_PI_2);
         if narrowest_mm < MIN_WIDTH_MM {
             return Err(AnatomyError::NoPedicle {
                 side,
@@ -384,14 +407,20 @@ fn measured(section: &Section, first: &Pedicle) -> Pedicle {
         center,
     } = section;
     // The x axis of the plane is left, made perpendicular to the axis.
-    let (across, upward) = (Vector2::x(), Vector2::y());
+    let (lean_rad, elongation) = contour.lean();
+    let across = if lean_rad > MIN_LEAN_RAD && elongation > MIN_ELONGATION {
+        narrowest_chord(contour, center, std::f64::consts::FRAC_PI_2).1
+    } else {
+        Vector2::x()
+    };
+    let upward = Vector2::new(-across.y, across.x);
     let ahead = (section.center_mm() - first.isthmus_center_mm).dot(&first.axis);
     Pedicle {
         isthmus_center_mm: section.center_mm(),
         axis: plane.normal(),
-        width_direction: plane.x,
+        width_direction: plane.x * across.x + plane.y * across.y,
         width_mm: contour.chord(center, &across),
-        narrowest_mm: narrowest_chord(contour, center).0,
+        narrowest_mm: narrowest_chord(contour, center, std::f64::consts::PI).0,
         height_mm: contour.extent(&upward),
         area_mm2: contour.area(),
         behind_mm: (first.behind_mm + ahead).max(0.0),
@@ -400,14 +429,20 @@ fn measured(section: &Section, first: &Pedicle) -> Pedicle {
     }
 }
 
+/// An isthmus whose long axis leans by more than this between medio-lateral and upright is measured
+/// across itself, radians.
+const MIN_LEAN_RAD: f64 = 0.26;
+/// A rounder isthmus than this has no long axis to speak of.
+const MIN_ELONGATION: f64 = 1.15;
 /// Directions in which chords are measured.
 const CHORD_DIRECTIONS: usize = 180;
 
-/// Length and direction of the shortest chord through `p`.
-fn narrowest_chord(contour: &Contour, p: &Point2<f64>) -> (f64, Vector2<f64>) {
-    (0..CHORD_DIRECTIONS)
+/// Length and direction of the shortest chord through `p` whose direction lies within half of
+/// `fan_rad` of the x axis.
+fn narrowest_chord(contour: &Contour, p: &Point2<f64>, fan_rad: f64) -> (f64, Vector2<f64>) {
+    (0..=CHORD_DIRECTIONS)
         .map(|k| {
-            let angle = (k as f64 / CHORD_DIRECTIONS as f64 - 0.5) * std::f64::consts::PI;
+            let angle = (k as f64 / CHORD_DIRECTIONS as f64 - 0.5) * fan_rad;
             let d = Vector2::new(angle.cos(), angle.sin());
             (contour.chord(p, &d), d)
         })

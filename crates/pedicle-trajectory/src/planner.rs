@@ -15,6 +15,7 @@ use pedicle_mesh::{SurfaceIndex, TriMesh};
 
 use crate::check::{CheckOptions, TrajectoryCheck, check_trajectory};
 use crate::depth::depth_mm;
+use crate::facets::FacetViolation;
 use crate::search::climb;
 use crate::{
     AnatomicalFrame, AnatomyError, Level, Pedicle, PedicleOptions, Plan, Side, Trajectory,
@@ -218,7 +219,17 @@ pub(crate) fn plan_site(
                 .check(&with(**diameter_mm))
                 .is_some_and(|c| c.valid && c.min_clearance_mm() >= options.min_clearance_mm)
     };
-    if let Some(&diameter) = diameters.iter().rev().find(fits) {
+    let clear = |diameter_mm: &&f64| {
+        let violation = FacetViolation::of(&with(**diameter_mm), site.facets);
+        violation.grade == 0 && fits(diameter_mm)
+    };
+    // A pedicle right below a joint may leave no screw clear of it; the check tells.
+    let thickest = diameters.iter().rev();
+    if let Some(&diameter) = thickest
+        .clone()
+        .find(clear)
+        .or_else(|| thickest.clone().find(fits))
+    {
         return Ok(with(diameter));
     }
     let check = planner.check(&with(thinnest));

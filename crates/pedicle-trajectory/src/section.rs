@@ -76,6 +76,29 @@ impl Contour {
             .then_some(origin + offset)
     }
 
+    /// How far the long axis of the area inside leans from the nearer axis of the plane, radians
+    /// (0 to π/4), and its length over that of the short one; both from second moments.
+    pub(crate) fn lean(&self) -> (f64, f64) {
+        let Some(center) = self.centroid() else {
+            return (0.0, 1.0);
+        };
+        let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
+        for (p, q) in self.edges() {
+            let (p, q) = (p - center, q - center);
+            let cross = p.x * q.y - q.x * p.y;
+            xx += cross * (p.x * p.x + p.x * q.x + q.x * q.x);
+            yy += cross * (p.y * p.y + p.y * q.y + q.y * q.y);
+            xy += 0.5 * cross * (2.0 * p.x * p.y + p.x * q.y + q.x * p.y + 2.0 * q.x * q.y);
+        }
+        let angle = 0.5 * (2.0 * xy).atan2(xx - yy).abs();
+        let quarter = std::f64::consts::FRAC_PI_2;
+        let (middle, half) = (0.5 * (xx + yy), (0.5 * (xx - yy)).hypot(xy));
+        (
+            angle.min(quarter - angle).max(0.0),
+            ((middle + half) / (middle - half)).sqrt(),
+        )
+    }
+
     /// Extent along a unit direction.
     pub(crate) fn extent(&self, direction: &Vector2<f64>) -> f64 {
         let (low, high) = self
