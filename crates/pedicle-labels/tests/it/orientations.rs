@@ -4,7 +4,9 @@ use nalgebra::{Matrix4, Rotation3, UnitQuaternion, Vector3};
 use pedicle_labels::{ImportedSpine, LabelMap, ReadLimits, read_label_map};
 use pedicle_mesh::{is_closed_manifold, volume};
 
-use crate::support::{Folder, HALF_AXES, Nifti, VERSE, center, ellipsoid_volume, grid, import_bytes};
+use crate::support::{
+    Folder, HALF_AXES, Nifti, VERSE, center, ellipsoid_volume, grid, import_bytes,
+};
 
 /// All levels at their places, closed, outwards, with the volume of the ellipsoid.
 fn check(spine: &ImportedSpine, what: &str, tolerance_mm: f64) {

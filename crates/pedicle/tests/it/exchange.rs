@@ -369,10 +369,13 @@ fn measured(command: &mut std::process::Command) -> (std::process::ExitStatus, f
     let (mut seconds, mut peak_kb) = (0.0, 0);
     loop {
         // What stands after the name, which is in brackets, are fields 3 and on; 14 and 15 are times.
-        if let Some(ticks) = fs::read_to_string(folder.join("stat")).ok().and_then(|stat| {
-            let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
-            Some(fields.get(11)?.parse::<f64>().ok()? + fields.get(12)?.parse::<f64>().ok()?)
-        }) {
+        if let Some(ticks) = fs::read_to_string(folder.join("stat"))
+            .ok()
+            .and_then(|stat| {
+                let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
+                Some(fields.get(11)?.parse::<f64>().ok()? + fields.get(12)?.parse::<f64>().ok()?)
+            })
+        {
             seconds = ticks / TICKS_PER_SECOND;
         }
         let status = fs::read_to_string(folder.join("status")).unwrap_or_default();
@@ -405,5 +408,9 @@ fn a_real_label_map_is_imported_in_time_and_memory() {
     println!("imported in {seconds} s of processor time and {peak_kb} kB");
     assert!(0.0 < seconds && seconds < IMPORT_SECONDS, "{seconds} s");
     assert!(0 < peak_kb && peak_kb < IMPORT_KB, "{peak_kb} kB");
-    assert_eq!(pedicle::read_spine(&spine).unwrap().len(), 5, "a spine folder");
+    assert_eq!(
+        pedicle::read_spine(&spine).unwrap().len(),
+        5,
+        "a spine folder"
+    );
 }
