@@ -150,7 +150,7 @@ pub enum LabelError {
     },
     /// No label of the scheme's lumbar levels is there.
     #[error(
-        "{}: no lumbar vertebra under the scheme {scheme} ({wanted}); the labels found are {found}{hint}",
+        "{}: no lumbar vertebra under the scheme {scheme} ({wanted}); the labels found are {found}",
         path.display()
     )]
     NoLumbarLabels {
@@ -160,10 +160,8 @@ pub enum LabelError {
         scheme: String,
         /// Its labels, as a text.
         wanted: String,
-        /// The labels found, as a text.
+        /// The labels found, as a text, and which scheme would fit them.
         found: String,
-        /// Which scheme would fit, as the end of the sentence; empty if none.
-        hint: String,
     },
     /// More than one scheme fits.
     #[error(
@@ -184,7 +182,7 @@ pub enum LabelError {
     #[error(
         "{}: under the scheme {scheme} {upper} (label {upper_label}) and {lower} (label {lower_label}) \
          do not follow each other from head to feet: their middles are {drop_mm:.0} mm apart in height \
-         and {distance_mm:.0} mm in all; the labels found are {found}{hint}",
+         and {distance_mm:.0} mm in all; the labels found are {found}",
         path.display()
     )]
     NotASpine {
@@ -204,10 +202,8 @@ pub enum LabelError {
         drop_mm: f64,
         /// Distance of their middles, mm.
         distance_mm: f64,
-        /// The labels found, as a text.
+        /// The labels found, as a text, and which scheme would fit them.
         found: String,
-        /// Which scheme would fit, as the end of the sentence; empty if none.
-        hint: String,
     },
     /// A label has two large parts.
     #[error(

@@ -9,7 +9,7 @@ use pedicle_mesh::TriMesh;
 use pedicle_trajectory::Level;
 use rayon::prelude::*;
 
-use crate::scheme::{choose, hint};
+use crate::scheme::{choose, found_and_fit};
 use crate::{
     LabelError, LabelMap, LabelScheme, Part, PartSize, ReadLimits, SchemeChoice, SurfaceOptions,
     largest_parts, read_label_map, surface_of_part,
@@ -295,8 +295,7 @@ fn check_order(map: &LabelMap, scheme: &LabelScheme, found: &[Found]) -> Result<
                 lower_label: lower.label,
                 drop_mm: step.z,
                 distance_mm: step.norm(),
-                found: map.found(),
-                hint: hint(map),
+                found: found_and_fit(map),
             });
         }
     }

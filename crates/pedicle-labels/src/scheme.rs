@@ -150,22 +150,23 @@ fn none_fits(map: &LabelMap, scheme: String, wanted: String) -> LabelError {
         path: map.path.clone(),
         scheme,
         wanted,
-        found: map.found(),
-        hint: hint(map),
+        found: found_and_fit(map),
     }
 }
 
-/// The end of a sentence that says which known scheme would fit; empty if none.
-pub(crate) fn hint(map: &LabelMap) -> String {
+/// The labels found and, if there is one, the known scheme that fits them best.
+pub(crate) fn found_and_fit(map: &LabelMap) -> String {
+    let found = map.found();
     let best = LabelScheme::all()
         .into_iter()
         .filter(|scheme| scheme.n_present(map) > 0)
         .max_by_key(|scheme| scheme.n_present(map));
-    best.map_or_else(String::new, |scheme| {
-        format!(
-            "; {} of them are lumbar levels under the scheme {}",
+    match best {
+        Some(scheme) => format!(
+            "{found}; {} of them are lumbar levels under the scheme {}",
             scheme.n_present(map),
             scheme.name
-        )
-    })
+        ),
+        None => found,
+    }
 }

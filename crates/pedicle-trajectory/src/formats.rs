@@ -105,7 +105,7 @@ pub enum FormatError {
         /// The file.
         path: PathBuf,
         /// What is wrong.
-        source: MarkupsError,
+        source: Box<MarkupsError>,
     },
     /// The numbers make no plan.
     #[error("{}: {source}", path.display())]
@@ -152,7 +152,7 @@ pub fn read_plan_with(
     let path = path.as_ref();
     let refused = |source| FormatError::Markups {
         path: path.to_owned(),
-        source,
+        source: Box::new(source),
     };
     let plan: Plan = match read(path)? {
         Content::Own(plan) => plan,
@@ -226,7 +226,7 @@ pub fn read_landmarks_in(path: impl AsRef<Path>, space: Space) -> Result<Landmar
             .landmarks(space)
             .map_err(|source| FormatError::Markups {
                 path: path.to_owned(),
-                source,
+                source: Box::new(source),
             })?,
     };
     landmarks

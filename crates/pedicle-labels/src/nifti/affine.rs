@@ -60,8 +60,7 @@ fn qform(header: &Header, path: &Path) -> Result<Matrix4<f64>, LabelError> {
     };
     let [b, c, d] = header.quaternion;
     let rest = 1.0 - (b * b + c * c + d * d);
-    // Also refuses NaN.
-    if !(rest >= -QUATERNION_SLACK) {
+    if rest.is_nan() || rest < -QUATERNION_SLACK {
         return Err(broken(format!(
             "the quaternion ({b}, {c}, {d}) of the qform is longer than 1"
         )));

@@ -1,10 +1,12 @@
 //! Ellipsoids of known place and volume through every type, byte order and orientation.
 
 use nalgebra::{Matrix4, Rotation3, UnitQuaternion, Vector3};
-use pedicle_labels::ImportedSpine;
+use pedicle_labels::{ImportedSpine, LabelMap, ReadLimits, read_label_map};
 use pedicle_mesh::{is_closed_manifold, volume};
 
-use crate::support::{HALF_AXES, Nifti, VERSE, center, ellipsoid_volume, grid, import_bytes};
+use crate::support::{
+    Folder, HALF_AXES, Nifti, VERSE, center, ellipsoid_volume, grid, import_bytes,
+};
 
 /// All levels at their places, closed, outwards, with the volume of the ellipsoid.
 fn check(spine: &ImportedSpine, what: &str, tolerance_mm: f64) {
@@ -45,8 +47,13 @@ fn check(spine: &ImportedSpine, what: &str, tolerance_mm: f64) {
 #[test]
 fn every_integer_type_version_and_byte_order() {
     let plain = Nifti::plain();
-    let reference = import_bytes("a.nii", &plain.bytes()).unwrap();
-    check(&reference, "uint8", 0.3);
+    check(
+        &import_bytes("a.nii", &plain.bytes()).unwrap(),
+        "uint8",
+        0.3,
+    );
+    let reference = read(&plain.bytes());
+    assert_eq!(reference.runs.len(), 5, "the labels asked for");
     for datatype in [2, 4, 8, 256, 512, 768, 1024, 1280] {
         for (version, big_endian) in [(1, false), (1, true), (2, false), (2, true)] {
             let file = Nifti {
@@ -57,12 +64,28 @@ fn every_integer_type_version_and_byte_order() {
             };
             let what = format!("type {datatype}, version {version}, big endian {big_endian}");
             // Gzipped or not is told by the bytes, not by the name.
-            let spine = import_bytes("a.nii", &file.gz()).unwrap();
-            for (a, b) in spine.levels.iter().zip(&reference.levels) {
-                assert_eq!(a.mesh, b.mesh, "{what}: the same mesh");
-            }
+            let found = read(&file.gz());
+            assert_eq!(found.runs, reference.runs, "{what}: the same voxels");
+            assert_eq!(found.n_voxels, reference.n_voxels, "{what}: all labels");
+            assert_eq!(
+                found.ras_from_voxel, reference.ras_from_voxel,
+                "{what}: the same place"
+            );
         }
     }
+}
+
+/// The runs of the five levels.
+fn read(bytes: &[u8]) -> LabelMap {
+    let folder = Folder::new();
+    let path = folder.file("labels.nii", bytes);
+    read_label_map(
+        &path,
+        &VERSE.into_iter().collect(),
+        &ReadLimits::default(),
+        &mut |_| {},
+    )
+    .unwrap()
 }
 
 #[test]

@@ -1,7 +1,6 @@
 //! A real label map beside surfaces that were made from it in another way.
 
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 use pedicle_labels::{ImportOptions, import_label_map};
 use pedicle_mesh::{SurfaceIndex, TriMesh, is_closed_manifold, read_mesh, volume};
@@ -10,8 +9,6 @@ use pedicle_mesh::{SurfaceIndex, TriMesh, is_closed_manifold, read_mesh, volume}
 const P95_MM: f64 = 0.3;
 const LARGEST_MM: f64 = 0.6;
 const VOLUME: f64 = 0.02;
-/// Seconds, for an optimised build.
-const SECONDS: f64 = 5.0;
 
 fn folder() -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/verse010");
@@ -47,11 +44,8 @@ fn a_real_spine_agrees_with_marching_cubes() {
         );
         return;
     };
-    let start = Instant::now();
     let path = folder.join("sub-verse010_seg-vert_msk.nii.gz");
     let spine = import_label_map(path, &ImportOptions::default(), &mut |_| {}).unwrap();
-    let seconds = start.elapsed().as_secs_f64();
-    assert!(seconds < SECONDS || cfg!(debug_assertions), "{seconds} s");
     assert_eq!(spine.scheme.name, "verse", "found from the labels");
     assert!(spine.missing.is_empty(), "all five: {:?}", spine.missing);
     for level in &spine.levels {

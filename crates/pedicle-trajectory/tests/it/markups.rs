@@ -186,7 +186,7 @@ fn a_diameter_may_come_from_outside() {
         panic!("{error:?}")
     };
     assert!(
-        matches!(source, MarkupsError::NoDiameter { index: 0, .. }),
+        matches!(**source, MarkupsError::NoDiameter { index: 0, .. }),
         "{source:?}"
     );
     let options = MarkupsOptions {
@@ -213,7 +213,7 @@ fn spoilt(spoil: impl Fn(&mut Value)) -> MarkupsError {
     let FormatError::Markups { source, .. } = error else {
         panic!("{error:?}")
     };
-    source
+    *source
 }
 
 #[test]
@@ -293,7 +293,7 @@ fn nan_and_numbers_that_make_no_plan() {
         panic!("{error:?}")
     };
     assert!(
-        matches!(source, MarkupsError::WrongType { .. }),
+        matches!(*source, MarkupsError::WrongType { .. }),
         "{source:?}"
     );
 }

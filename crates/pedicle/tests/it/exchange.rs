@@ -354,3 +354,63 @@ fn every_command_has_examples_and_completions_exist() {
         );
     }
 }
+
+/// Bounds on the import of a real label map: seconds of all threads together, so that a busy machine
+/// does not count, and kB of memory.
+const IMPORT_SECONDS: f64 = 5.0;
+const IMPORT_KB: u64 = 500_000;
+
+/// Runs a command to its end; processor seconds and peak memory in kB as Linux tells them.
+fn measured(command: &mut std::process::Command) -> (std::process::ExitStatus, f64, u64) {
+    /// Linux counts processor time in hundredths of a second, whatever the kernel's own clock.
+    const TICKS_PER_SECOND: f64 = 100.0;
+    let mut child = command.spawn().unwrap();
+    let folder = Path::new("/proc").join(child.id().to_string());
+    let (mut seconds, mut peak_kb) = (0.0, 0);
+    loop {
+        // What stands after the name, which is in brackets, are fields 3 and on; 14 and 15 are times.
+        if let Some(ticks) = fs::read_to_string(folder.join("stat"))
+            .ok()
+            .and_then(|stat| {
+                let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
+                Some(fields.get(11)?.parse::<f64>().ok()? + fields.get(12)?.parse::<f64>().ok()?)
+            })
+        {
+            seconds = ticks / TICKS_PER_SECOND;
+        }
+        let status = fs::read_to_string(folder.join("status")).unwrap_or_default();
+        let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+        if let Some(kb) = peak.and_then(|text| text.split_whitespace().next()?.parse().ok()) {
+            peak_kb = kb;
+        }
+        if let Some(status) = child.try_wait().unwrap() {
+            return (status, seconds, peak_kb);
+        }
+        std::thread::sleep(std::time::Duration::from_millis(2));
+    }
+}
+
+#[test]
+fn a_real_label_map_is_imported_in_time_and_memory() {
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/verse010");
+    if !data.is_dir() || !cfg!(target_os = "linux") {
+        println!("skipped: no real label map beside the checkout, or not on Linux");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let spine = folder.path().join("spine");
+    let (status, seconds, peak_kb) = measured(
+        std::process::Command::new(env!("CARGO_BIN_EXE_pedicle"))
+            .args(["import", "--quiet", "-o", text(&spine)])
+            .arg(data.join("sub-verse010_seg-vert_msk.nii.gz")),
+    );
+    assert!(status.success(), "{status}");
+    println!("imported in {seconds} s of processor time and {peak_kb} kB");
+    assert!(0.0 < seconds && seconds < IMPORT_SECONDS, "{seconds} s");
+    assert!(0 < peak_kb && peak_kb < IMPORT_KB, "{peak_kb} kB");
+    assert_eq!(
+        pedicle::read_spine(&spine).unwrap().len(),
+        5,
+        "a spine folder"
+    );
+}
