@@ -30,6 +30,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     BenchScenarios(bench::Arguments),
+    BenchTotal(bench::total::Arguments),
     BenchPeers(peers::Arguments),
     BenchRegistration(registration::Arguments),
     Scaling(scaling::Arguments),
@@ -46,6 +47,7 @@ enum Command {
 fn main() -> ExitCode {
     let outcome = match Cli::parse().command {
         Command::BenchScenarios(arguments) => arguments.run(),
+        Command::BenchTotal(arguments) => arguments.run(),
         Command::BenchPeers(arguments) => arguments.run(),
         Command::BenchRegistration(arguments) => arguments.run(),
         Command::Scaling(arguments) => arguments.run(),

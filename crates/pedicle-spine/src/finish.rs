@@ -5,11 +5,13 @@ use nalgebra::{Isometry3, Point3};
 use pedicle_registration::{
     PoseCovariance, ReferenceSurface, RefineOptions, Refinement, refine_on_surface,
 };
+use rayon::prelude::*;
 
 use crate::SpineError;
+use crate::bare_bone::BareBone;
 use crate::bone::BoneSurface;
 use crate::free_space::FreeSpace;
-use crate::misfit::{Misfit, misfit};
+use crate::misfit::{FeignedNoise, Misfit, misfit};
 use crate::model::Vertebra;
 use crate::points::PointSet;
 use crate::scoring::{ScoreTable, UNASSIGNED, points_of};
@@ -17,7 +19,7 @@ use crate::scoring::{ScoreTable, UNASSIGNED, points_of};
 /// Rounds of giving points to vertebrae and fitting.
 const ROUNDS: usize = 3;
 /// The same where the noise is known from the target alone: the points chosen depend on the pose.
-const KNOWN_ROUNDS: usize = 6;
+const KNOWN_ROUNDS: usize = 8;
 /// The gate in standard deviations of the noise: farther points are not this vertebra's.
 const GATE_IN_SIGMA: f64 = 5.0;
 /// Smallest gate of the first round and bounds of the later ones, mm.
@@ -26,11 +28,6 @@ const GATE_MM: (f64, f64) = (4.0, 10.0);
 /// the bone is then told apart.
 const KNOWN_GATE_IN_SIGMA: f64 = 4.5;
 const KNOWN_GATE_MM: (f64, f64) = (1.2, 10.0);
-/// Points farther in front of the bone than this are soft tissue: what a camera sees of the bone is
-/// as often behind as in front of it, and of tissue always in front.
-const FRONT_IN_SIGMA: f64 = 2.2;
-/// And this much more, mm.
-const FRONT_FLOOR_MM: f64 = 0.2;
 /// A point counts as explained within this many standard deviations of the noise, and this much
 /// more: surfaces of different triangulation do not coincide.
 const EXPLAINED_IN_SIGMA: f64 = 3.0;
@@ -69,7 +66,21 @@ pub(crate) struct Sensor<'a> {
     pub(crate) free_space: Option<&'a FreeSpace>,
 }
 
+/// The fitted noise is this much larger than the sensor's own, the median of patches: it grows where
+/// the surface is seen at a small angle.
+const SENSOR_TO_SURFACE: f64 = 1.15;
+
 impl Sensor<'_> {
+    /// The noise that the sensor answers for: tissue taken for bone makes the residuals larger.
+    fn believable_mm(&self, fitted_mm: f64) -> f64 {
+        match self.noise_mm {
+            Some(sensor_mm) if SENSOR_TO_SURFACE * sensor_mm < fitted_mm => {
+                SENSOR_TO_SURFACE * sensor_mm
+            }
+            _ => fitted_mm,
+        }
+    }
+
     /// The gate of the last fits.
     fn gate_mm(&self, fitted_noise_mm: f64) -> f64 {
         match self.noise_mm {
@@ -78,30 +89,6 @@ impl Sensor<'_> {
             }
             None => (GATE_IN_SIGMA * fitted_noise_mm).clamp(GATE_MM.0, GATE_MM.1),
         }
-    }
-
-    /// Leaves out points that lie too far in front of the bone, or whose normals contradict its own.
-    fn retain_bone(
-        &self,
-        own: &mut Vec<u32>,
-        bone: &BoneSurface,
-        pose: &Isometry3<f64>,
-        points: &PointSet,
-    ) {
-        if points.normals.is_empty() {
-            return;
-        }
-        let inverse = pose.inverse();
-        let in_front_mm = match (self.free_space, self.noise_mm) {
-            (Some(_), Some(noise_mm)) => FRONT_FLOOR_MM + FRONT_IN_SIGMA * noise_mm,
-            _ => f64::INFINITY,
-        };
-        own.retain(|&p| {
-            let local = inverse * points.positions[p as usize];
-            let hit = bone.closest(&local);
-            (local - hit.point).dot(&hit.normal) <= in_front_mm
-                && points.agrees_in(p as usize, pose, &hit.normal)
-        });
     }
 }
 
@@ -140,27 +127,34 @@ pub(crate) fn finish(
         Some(_) => KNOWN_ROUNDS,
         None => ROUNDS,
     };
-    for _ in 0..n_rounds {
+    for round in 0..n_rounds {
         let mut owners = ScoreTable::new(&bones, &poses, &target.points, gate_mm).owners();
         settle_pieces(&mut owners, target, vertebrae.len());
         lists = points_of(&owners, vertebrae.len());
-        for (v, own) in lists.iter_mut().enumerate() {
-            sensor.retain_bone(own, &vertebrae[v].bone, &poses[v], &target.points);
-        }
-        for (v, own) in lists.iter().enumerate() {
-            let options = RefineOptions {
-                max_distance_mm: gate_mm,
-                start_distance_mm: None,
-                ..RefineOptions::default()
-            };
-            let points = select(&target.points.positions, own);
-            // Too few points or a degenerate patch: there is no fit, and the verdict says so.
-            refinements[v] =
-                refine_on_surface(&vertebrae[v].bone, &points, &poses[v], &options).ok();
-            if let Some(fit) = &refinements[v] {
-                poses[v] = fit.target_from_source;
-            }
-        }
+        let options = RefineOptions {
+            max_distance_mm: gate_mm,
+            start_distance_mm: None,
+            ..RefineOptions::default()
+        };
+        lists
+            .par_iter_mut()
+            .zip(&mut refinements)
+            .zip(&mut poses)
+            .zip(vertebrae)
+            .for_each(|(((own, refinement), pose), vertebra)| {
+                let bare = BareBone {
+                    noise_mm: sensor.noise_mm,
+                    is_from_camera: sensor.free_space.is_some(),
+                    round,
+                };
+                bare.retain(own, &vertebra.bone, pose, &target.points);
+                let points = select(&target.points.positions, own);
+                // Too few points or a degenerate patch: there is no fit, and the verdict says so.
+                *refinement = refine_on_surface(&vertebra.bone, &points, pose, &options).ok();
+                if let Some(fit) = refinement {
+                    *pose = fit.target_from_source;
+                }
+            });
         let noise_mm = median_noise(&refinements);
         if noise_mm.is_finite() {
             gate_mm = sensor.gate_mm(noise_mm);
@@ -169,39 +163,49 @@ pub(crate) fn finish(
 
     let noise_mm = median_noise(&refinements);
     let explained = Explained::count(&bones, &poses, &target.points, (noise_mm, sensor));
-    let mut fits = Vec::with_capacity(vertebrae.len());
-    for (v, vertebra) in vertebrae.iter().enumerate() {
-        let refinement = refinements[v].take();
-        let own = select(&target.points.positions, &lists[v]);
-        let misfit = misfit(&vertebra.bone, &poses[v], &own, gate_mm)?;
-        let shown = shown_samples(vertebra, &poses[v], &own, noise_mm)?;
-        let posterior = shown
-            .iter()
-            .zip(&vertebra.is_posterior)
-            .filter(|(_, back)| **back);
-        let centroid = poses[v] * vertebra.bone.centroid();
-        fits.push(Fit {
-            target_from_source: poses[v],
-            covariance: refinement.as_ref().map(|fit| {
-                enlarged(
-                    &fit.covariance.about(&centroid),
-                    (noise_mm, sensor),
-                    &misfit,
-                )
-            }),
-            n_points: own.len(),
-            explained_share: explained.share_of(v),
-            misfit,
-            seen_through: sensor.free_space.map_or(0.0, |free_space| {
-                free_space
-                    .contradiction(&vertebra.patches, &poses[v])
-                    .of_bone
-            }),
-            coverage: share(shown.iter().copied()),
-            posterior_coverage: share(posterior.map(|(shown, _)| *shown)),
-            refinement,
-        });
-    }
+    let fits = vertebrae
+        .par_iter()
+        .zip(refinements)
+        .enumerate()
+        .map(|(v, (vertebra, refinement))| {
+            let own = select(&target.points.positions, &lists[v]);
+            let fitted_mm = refinement.as_ref().map_or(noise_mm, |fit| fit.noise_mm);
+            let noise = FeignedNoise {
+                residual_mm: sensor.believable_mm(fitted_mm),
+                camera: sensor
+                    .free_space
+                    .map(|free_space| poses[v].inverse() * free_space.camera()),
+            };
+            let misfit = misfit(&vertebra.bone, &poses[v], &own, gate_mm, &noise)?;
+            let shown = shown_samples(vertebra, &poses[v], &own, noise_mm)?;
+            let posterior = shown
+                .iter()
+                .zip(&vertebra.is_posterior)
+                .filter(|(_, back)| **back);
+            let centroid = poses[v] * vertebra.bone.centroid();
+            Ok(Fit {
+                target_from_source: poses[v],
+                covariance: refinement.as_ref().map(|fit| {
+                    enlarged(
+                        &fit.covariance.about(&centroid),
+                        (noise_mm, sensor),
+                        &misfit,
+                    )
+                }),
+                n_points: own.len(),
+                explained_share: explained.share_of(v),
+                misfit,
+                seen_through: sensor.free_space.map_or(0.0, |free_space| {
+                    free_space
+                        .contradiction(&vertebra.patches, &poses[v])
+                        .of_bone
+                }),
+                coverage: share(shown.iter().copied()),
+                posterior_coverage: share(posterior.map(|(shown, _)| *shown)),
+                refinement,
+            })
+        })
+        .collect::<Result<Vec<Fit>, SpineError>>()?;
     Ok(SpineFit {
         fits,
         noise_mm,
@@ -229,7 +233,7 @@ fn enlarged(
     // more.
     let (factor, grown) = match sensor.noise_mm {
         Some(_) => (INFLATION_OF_CAMERA * factor, misfit.inflation(0.0)),
-        None => (factor, misfit.inflation(noise_mm)),
+        None => (factor, misfit.inflation(misfit.by_noise_mm2)),
     };
     PoseCovariance {
         matrix: covariance.matrix * (factor * factor * grown),

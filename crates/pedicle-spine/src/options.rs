@@ -62,7 +62,7 @@ pub struct VerdictOptions {
     pub min_posterior_coverage: f64,
     /// Smallest share of the vertebra's target points that the fit explains. Default 0.85.
     pub min_explained_share: f64,
-    /// Largest noise of the target surface, mm. Default 2.5.
+    /// Largest noise of the target surface, mm. Default 3.6.
     pub max_noise_mm: f64,
     /// Largest standard deviation of the vertebra's position in the worst direction, mm. Default
     /// 0.65: nearly four of them stay within the published margin of 2.5 mm.
@@ -77,8 +77,12 @@ pub struct VerdictOptions {
     /// Largest share of the target that may belong to no vertebra. Default 0.1.
     pub max_unexplained_share: f64,
     /// How much worse the target must be explained once all levels are shifted by one, relative
-    /// to the result. Default 0.15: the vertebra that is left over holds a fifth of the points.
+    /// to the result, where the shape alone tells the levels. Default 0.15: the vertebra that is left
+    /// over holds a fifth of the points.
     pub min_level_margin: f64,
+    /// The same where at least three landmarks have the names that the poses found give them, and more
+    /// than have not. Default 0.03.
+    pub min_level_margin_with_landmarks: f64,
     /// Largest change of the distance between the centroids of neighbours, mm. Default 12.
     pub max_neighbour_shift_mm: f64,
     /// Largest turn of a vertebra relative to its neighbour, compared with the source, rad.
@@ -198,12 +202,13 @@ impl Default for VerdictOptions {
             min_points: 60,
             min_posterior_coverage: 0.35,
             min_explained_share: 0.85,
-            max_noise_mm: 2.5,
+            max_noise_mm: 3.6,
             max_translation_std_mm: 0.65,
             max_rotation_std_rad: 0.032,
             max_screw_std_mm: 1.4,
             max_unexplained_share: 0.1,
             min_level_margin: 0.15,
+            min_level_margin_with_landmarks: 0.03,
             max_neighbour_shift_mm: 12.0,
             max_neighbour_turn_rad: 0.52,
             max_landmark_distance_mm: 15.0,

@@ -52,6 +52,8 @@ pub enum Rejection {
     },
     /// Neighbouring points are off in the same direction: the bone has another shape.
     ShapeDiffers { misfit_mm: f64, patch_mm: f64 },
+    /// The shapes of all vertebrae that are trusted otherwise differ together.
+    SpineDiffers { misfit_mm: f64, patch_mm: f64 },
     /// The camera saw through where the bone would be.
     SeenThrough { share: f64, max: f64 },
     /// It lies far from where the user put its landmark.
@@ -175,6 +177,14 @@ impl std::fmt::Display for Rejection {
                 f,
                 "the shape differs from the plan's by {misfit_mm:.2} mm over patches of {patch_mm:.0} mm: \
                  is this the right patient and level, and is it bare bone?"
+            ),
+            Self::SpineDiffers {
+                misfit_mm,
+                patch_mm,
+            } => write!(
+                f,
+                "the shapes of all vertebrae together differ from the plan's by {misfit_mm:.2} mm over \
+                 patches of {patch_mm:.0} mm: is this the right patient?"
             ),
             Self::SeenThrough { share, max } => write!(
                 f,

@@ -222,8 +222,9 @@ pub fn transfer_with_progress(
         found: &found,
         fit: &fit,
     };
-    let vertebrae = conclusion.vertebrae(&options.verdict);
-    let trajectories = conclusion.trajectories(&vertebrae);
+    let uncertainties = conclusion.uncertainties();
+    let vertebrae = conclusion.vertebrae(&options.verdict, &uncertainties);
+    let trajectories = conclusion.trajectories(&vertebrae, &uncertainties);
     Ok(Transfer {
         vertebrae,
         trajectories,

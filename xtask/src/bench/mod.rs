@@ -12,6 +12,7 @@ mod score;
 mod screws;
 mod suite_report;
 mod suites;
+pub(crate) mod total;
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -61,6 +62,9 @@ pub(crate) struct Arguments {
     /// Random draws a cell.
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..))]
     draws: u32,
+    /// Only cells whose name, as printed by --explain, contains this.
+    #[arg(long, value_name = "TEXT", default_value = "", hide_default_value = true)]
+    only: String,
     /// Threads; all cores by default. The figures do not depend on it.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     threads: Option<u16>,
@@ -208,7 +212,11 @@ impl Arguments {
         }
         let pool = builder.build()?;
         let suites = self.suite.suites();
-        let n_cells: usize = suites.iter().map(|suite| suite.cells().len()).sum();
+        let n_cells: usize = suites
+            .iter()
+            .flat_map(|suite| suite.cells())
+            .filter(|cell| cell.to_string().contains(&self.only))
+            .count();
         let bar = progress_bar(spines.len() * n_cells * self.draws as usize);
         let mut outcome = Outcome {
             name: String::new(),
@@ -229,7 +237,8 @@ impl Arguments {
                 .then(|| Source::new(&case.spine, &case.landmarks))
                 .transpose()?;
             for ((suite, scores), beside) in outcome.scores.iter_mut().zip(&mut outcome.beside) {
-                let scenarios = suite_scenarios(*suite, spine.seed(), self.draws);
+                let mut scenarios = suite_scenarios(*suite, spine.seed(), self.draws);
+                scenarios.retain(|s| s.cell.to_string().contains(&self.only));
                 // One scenario a thread; results keep the order of the scenarios.
                 let found = pool.install(|| {
                     scenarios
