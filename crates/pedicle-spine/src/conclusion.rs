@@ -9,11 +9,10 @@ use crate::finish::SpineFit;
 use crate::landmark_evidence::{LandmarkEvidence, Tip, landmark_evidence};
 use crate::misfit::Misfit;
 use crate::model::SpineModel;
+use crate::rejection::Rejection;
 use crate::search::Found;
 use crate::uncertainty::{uncertainty, worst_of_pose};
-use crate::verdict::{
-    Deviations, Evidence, chain_rejections, pooled_rejection, rejections,
-};
+use crate::verdict::{Deviations, Evidence, chain_rejections, pooled_rejection, rejections};
 use crate::{TrajectoryUncertainty, TransferredTrajectory, VerdictOptions, VertebraTransfer};
 
 /// All that the verdicts rest on.
@@ -69,19 +68,38 @@ impl Conclusion<'_> {
                 vertebra.reasons.extend(found);
             }
         }
-        let is_trusted = |v: &VertebraTransfer| v.reasons.is_empty();
-        let misfits: Vec<Misfit> = vertebrae
-            .iter()
-            .zip(&self.fit.fits)
-            .filter(|(v, _)| is_trusted(v))
-            .map(|(_, fit)| fit.misfit)
-            .collect();
-        let together = pooled_rejection(&misfits, options);
-        for vertebra in vertebrae.iter_mut().filter(|v| is_trusted(v)) {
+        let together = self.together(&vertebrae, options);
+        for vertebra in vertebrae.iter_mut().filter(|v| v.reasons.is_empty()) {
             vertebra.reasons.extend(together.clone());
             vertebra.accepted = vertebra.reasons.is_empty();
         }
         vertebrae
+    }
+
+    /// What the shapes of all vertebrae say together: those of which nothing is known but how precise
+    /// their poses are, unless most differ alone already.
+    fn together(
+        &self,
+        vertebrae: &[VertebraTransfer],
+        options: &VerdictOptions,
+    ) -> Option<Rejection> {
+        let differs = |r: &Rejection| matches!(r, Rejection::ShapeDiffers { .. });
+        let n_fits = vertebrae.iter().filter(|v| v.covariance.is_some()).count();
+        let n_differ = vertebrae
+            .iter()
+            .filter(|v| v.reasons.iter().any(differs))
+            .count();
+        let misfits: Vec<Misfit> = vertebrae
+            .iter()
+            .zip(&self.fit.fits)
+            .filter(|(v, _)| {
+                v.covariance.is_some()
+                    && (2 * n_differ > n_fits
+                        || v.reasons.iter().all(Rejection::is_about_precision))
+            })
+            .map(|(_, fit)| fit.misfit)
+            .collect();
+        pooled_rejection(&misfits, options)
     }
 
     fn judged_alone(
@@ -106,6 +124,7 @@ impl Conclusion<'_> {
             landmarks_support_levels: names.supports_levels,
             is_misnamed: names.is_misnamed[v],
             alternative_margin: self.found.alternative_margins[v],
+            hidden_share: fit.hidden_share,
             landmark_distance_mm: self.landmarks[v]
                 .map(|landmark| (pose * vertebra.landmark - landmark).norm()),
             misfit: fit.misfit,
@@ -127,6 +146,7 @@ impl Conclusion<'_> {
             landmark_distance_mm: evidence.landmark_distance_mm.unwrap_or(f64::NAN),
             misfit_mm: fit.misfit.depth_mm(),
             seen_through: fit.seen_through,
+            hidden_share: fit.hidden_share,
             origin: self.found.configuration.origins[v],
             covariance: fit.covariance,
         }
@@ -163,7 +183,12 @@ impl Conclusion<'_> {
                 let (vertebra, fit) = (&self.model.vertebrae[v], &self.fit.fits[v]);
                 let anatomy = (vertebra.anatomy.as_ref(), &vertebra.frame);
                 let covariance = fit.covariance.as_ref()?;
-                Some(uncertainty(planned, &fit.target_from_source, covariance, anatomy))
+                Some(uncertainty(
+                    planned,
+                    &fit.target_from_source,
+                    covariance,
+                    anatomy,
+                ))
             })
             .collect()
     }

@@ -64,6 +64,7 @@ mod options;
 mod points;
 mod prepare;
 mod rejection;
+mod rivals;
 mod scoring;
 mod search;
 mod search_levels;

@@ -118,9 +118,13 @@ impl NearestCells {
                             before(k, nz).map(|k| (i, j, k)),
                             // Along the row also from behind: what a sweep along the other two axes
                             // brought spreads both ways.
-                            if is_forward { Some(i + 1) } else { i.checked_sub(1) }
-                                .filter(|&i| i < nx)
-                                .map(|i| (i, j, k)),
+                            if is_forward {
+                                Some(i + 1)
+                            } else {
+                                i.checked_sub(1)
+                            }
+                            .filter(|&i| i < nx)
+                            .map(|i| (i, j, k)),
                         ];
                         for (a, b, c) in others.into_iter().flatten() {
                             let vertex = self.vertex[self.index(a, b, c)];
@@ -155,7 +159,11 @@ mod tests {
         let mut worst = 0.0;
         for i in 0..3000 {
             let t = f64::from(i) * 0.37;
-            let p = Point3::new(28.0 * t.sin(), 28.0 * (1.7 * t).cos(), 28.0 * (0.6 * t).sin());
+            let p = Point3::new(
+                28.0 * t.sin(),
+                28.0 * (1.7 * t).cos(),
+                28.0 * (0.6 * t).sin(),
+            );
             let near = cells.vertex_near(&p).unwrap();
             let least = vertices
                 .iter()

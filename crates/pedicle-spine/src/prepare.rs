@@ -198,9 +198,8 @@ fn local_shape(points: &[Point3<f64>]) -> Result<Option<Local>, SpineError> {
         let near: Vec<u32> = patch.into_iter().map(|(_, i)| i).collect();
         (radius, near)
     };
-    let positions = |patch: &[u32]| -> Vec<Point3<f64>> {
-        patch.iter().map(|&i| points[i as usize]).collect()
-    };
+    let positions =
+        |patch: &[u32]| -> Vec<Point3<f64>> { patch.iter().map(|&i| points[i as usize]).collect() };
     let stride = points.len().div_ceil(NOISE_SAMPLES).max(1);
     let (mut radii, mut noise): (Vec<f64>, Vec<f64>) = points
         .iter()

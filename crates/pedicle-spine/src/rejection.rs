@@ -56,8 +56,24 @@ pub enum Rejection {
     SpineDiffers { misfit_mm: f64, patch_mm: f64 },
     /// The camera saw through where the bone would be.
     SeenThrough { share: f64, max: f64 },
+    /// Too much of what lies close to the bone lies a little in front of it.
+    Hidden { share: f64, max: f64 },
     /// It lies far from where the user put its landmark.
     FarFromLandmark { distance_mm: f64, max_mm: f64 },
+}
+
+impl Rejection {
+    /// Whether this says how well the pose is known, and nothing against it.
+    pub(crate) fn is_about_precision(&self) -> bool {
+        matches!(
+            self,
+            Self::Noisy { .. }
+                | Self::PositionUncertain { .. }
+                | Self::OrientationUncertain { .. }
+                | Self::ScrewUncertain { .. }
+                | Self::BreachLikely { .. }
+        )
+    }
 }
 
 impl std::fmt::Display for Rejection {
@@ -189,6 +205,13 @@ impl std::fmt::Display for Rejection {
             Self::SeenThrough { share, max } => write!(
                 f,
                 "the camera saw through {:.0} % of where the bone would be (at most {:.0} %)",
+                100.0 * share,
+                100.0 * max
+            ),
+            Self::Hidden { share, max } => write!(
+                f,
+                "{:.0} % of what was measured close to the bone lies in front of it (at most {:.0} %): \
+                 clean it",
                 100.0 * share,
                 100.0 * max
             ),

@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use crate::SearchOptions;
 use crate::bone::BoneSurface;
 use crate::free_space::FreeSpace;
-use crate::hypotheses::Configuration;
+use crate::hypotheses::{Configuration, Origin};
 use crate::model::Vertebra;
 use crate::points::PointSet;
 use crate::scoring::{ScoreTable, points_of};
@@ -41,6 +41,8 @@ pub(crate) struct Found {
     /// The share by which the target is explained worse once every vertebra takes the place of
     /// its neighbour, above or below, whichever is better.
     pub(crate) level_margin: f64,
+    /// For each vertebra the best clearly different poses that lost, the best first.
+    pub(crate) alternatives: Vec<Vec<(Origin, Isometry3<f64>)>>,
 }
 
 /// The search over one target.
@@ -101,11 +103,9 @@ impl<'a> Search<'a> {
             &[]
         };
         let (best, level_margin) = self.with_levels(configurations[0].clone(), finalists);
-        let (configuration, alternative_margins) = self.mix(best, &configurations);
         Found {
-            configuration,
-            alternative_margins,
             level_margin,
+            ..self.mix(best, &configurations)
         }
     }
 
@@ -180,9 +180,14 @@ impl<'a> Search<'a> {
     }
 
     pub(crate) fn is_distinct(&self, v: usize, a: &Isometry3<f64>, b: &Isometry3<f64>) -> bool {
-        let difference = pose_error(a, b, &self.vertebrae[v].bone.centroid());
-        difference.translation_mm > DISTINCT_MM || difference.rotation_rad > DISTINCT_RAD
+        is_distinct(&self.vertebrae[v], a, b)
     }
+}
+
+/// Whether two poses of a vertebra are different hypotheses.
+pub(crate) fn is_distinct(vertebra: &Vertebra, a: &Isometry3<f64>, b: &Isometry3<f64>) -> bool {
+    let difference = pose_error(a, b, &vertebra.bone.centroid());
+    difference.translation_mm > DISTINCT_MM || difference.rotation_rad > DISTINCT_RAD
 }
 
 /// Least cosine between the backward direction of a vertebra and the direction to the camera.

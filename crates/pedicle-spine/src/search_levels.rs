@@ -38,10 +38,7 @@ impl Search<'_> {
             .map(|c| (c, self.in_one_run(c)))
             .collect();
         let candidates = &all[..=shifted.len()];
-        let Some(&(best, score)) = candidates
-            .iter()
-            .rev()
-            .max_by(|a, b| a.1.total_cmp(&b.1))
+        let Some(&(best, score)) = candidates.iter().rev().max_by(|a, b| a.1.total_cmp(&b.1))
         else {
             return (given, 0.0);
         };
@@ -49,7 +46,11 @@ impl Search<'_> {
             .iter()
             .filter(|(other, _)| self.is_other_level(other, best))
             .fold(0.0, |most, &(_, s)| if s > most { s } else { most });
-        let margin = if score > 0.0 { 1.0 - rival / score } else { 0.0 };
+        let margin = if score > 0.0 {
+            1.0 - rival / score
+        } else {
+            0.0
+        };
         (best.clone(), margin)
     }
 

@@ -7,7 +7,7 @@ use crate::chain::chain_cost;
 use crate::hypotheses::{Configuration, Origin};
 use crate::nearby::nearby;
 use crate::scoring::{ScoreTable, UNASSIGNED};
-use crate::search::{Search, faces_camera};
+use crate::search::{Found, Search, faces_camera};
 
 /// Steps of a fit from another pose.
 const STEPS_FOR_ALTERNATIVE: usize = 8;
@@ -24,6 +24,9 @@ const MIN_IMPROVEMENT: f64 = 1e-9;
 /// Turns about the landmark line tried for each vertebra.
 const N_LOCAL_TURNS: usize = 12;
 
+/// Poses that lost and are remembered.
+const N_ALTERNATIVES: usize = 3;
+
 /// Another pose for one vertebra.
 struct Candidate {
     origin: Origin,
@@ -35,10 +38,11 @@ struct Candidate {
 impl Search<'_> {
     /// Tries every vertebra in other poses, and keeps those in which the whole target is explained
     /// better; with the margin of each over its best clearly different pose.
-    pub(crate) fn mix(&self, mut best: Configuration, all: &[Configuration]) -> (Configuration, Vec<f64>) {
+    pub(crate) fn mix(&self, mut best: Configuration, all: &[Configuration]) -> Found {
         let mut table = self.table(&best.poses, self.options.truncation_mm);
         let n = self.vertebrae.len();
         let mut margins = vec![1.0; n];
+        let mut alternatives = vec![Vec::new(); n];
         // How often each pose has changed, and what was known of a vertebra and its neighbours when
         // it was last tried: nothing new, nothing to try.
         let mut changes = vec![0_usize; n];
@@ -65,6 +69,7 @@ impl Search<'_> {
                     changed = true;
                 }
                 *margin = self.margin(v, &best, &tried, &table);
+                alternatives[v] = self.alternatives(v, &best.poses[v], tried);
             }
             if !changed {
                 break;
@@ -73,7 +78,36 @@ impl Search<'_> {
             // the next sweep takes them again.
         }
         best.score = table.total() - self.contradictions(&best.poses);
-        (best, margins)
+        Found {
+            configuration: best,
+            alternative_margins: margins,
+            level_margin: 0.0,
+            alternatives,
+        }
+    }
+
+    /// The best of the poses tried that differ from the one kept and from each other.
+    fn alternatives(
+        &self,
+        v: usize,
+        kept: &Isometry3<f64>,
+        mut tried: Vec<Candidate>,
+    ) -> Vec<(Origin, Isometry3<f64>)> {
+        tried.sort_by(|a, b| b.total.total_cmp(&a.total));
+        let mut found: Vec<(Origin, Isometry3<f64>)> = Vec::new();
+        for candidate in tried {
+            let is_new = self.is_distinct(v, &candidate.pose, kept)
+                && found
+                    .iter()
+                    .all(|(_, other)| self.is_distinct(v, &candidate.pose, other));
+            if is_new {
+                found.push((candidate.origin, candidate.pose));
+            }
+            if found.len() == N_ALTERNATIVES {
+                break;
+            }
+        }
+        found
     }
 
     /// The share by which the best clearly different pose explains a vertebra's points worse.

@@ -15,8 +15,8 @@ use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Unit, Vector3};
 use pedicle_mesh::{SurfaceIndex, TriMesh};
 use pedicle_registration::PoseCovariance;
 use pedicle_trajectory::{
-    AnatomicalFrame, CheckOptions, Pedicle, PedicleOptions, Side, Trajectory, check_trajectory,
-    Zone, measure_pedicle,
+    AnatomicalFrame, CheckOptions, Pedicle, PedicleOptions, Side, Trajectory, Zone,
+    check_trajectory, measure_pedicle,
 };
 
 /// Depth of the isthmus below the entry where it cannot be measured, mm: that of the published
@@ -296,9 +296,15 @@ mod tests {
         assert!((at(&tight, 0.3, 0.3) - 1.0).abs() < 1e-6, "no room");
         let between = room(&[(0.0, 2.0), (PI, 2.0), (FRAC_PI_2, 5.0)]);
         assert!(at(&between, 0.0, 0.0) <= 0.0, "no doubt");
-        assert!(at(&room(&[(0.0, -0.1)]), 0.1, 0.1) >= 1.0, "planned outside");
+        assert!(
+            at(&room(&[(0.0, -0.1)]), 0.1, 0.1) >= 1.0,
+            "planned outside"
+        );
         // One standard deviation of 1 mm towards walls 2 mm away on either side.
-        assert!((at(&between, 1.0, 0.1) - 2.0 * 0.022_750_1).abs() < 1e-6, "two walls");
+        assert!(
+            (at(&between, 1.0, 0.1) - 2.0 * 0.022_750_1).abs() < 1e-6,
+            "two walls"
+        );
         let open = room(&[(0.0, 2.0), (PI, 9.0), (FRAC_PI_2, 5.0)]);
         assert!((at(&open, 1.0, 0.1) - 0.022_750_1).abs() < 1e-6, "one wall");
         assert!(

@@ -30,6 +30,8 @@ pub(crate) struct Evidence {
     pub(crate) misfit: Misfit,
     /// Share of the bone that the camera saw through.
     pub(crate) seen_through: f64,
+    /// Of the points close to it the share in front of it.
+    pub(crate) hidden_share: f64,
     /// Noise of the target estimated from it alone.
     pub(crate) sensor_noise_mm: Option<f64>,
 }
@@ -190,6 +192,13 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
             max: options.max_seen_through,
         },
     );
+    demand(
+        evidence.hidden_share <= options.max_hidden_share,
+        Rejection::Hidden {
+            share: evidence.hidden_share,
+            max: options.max_hidden_share,
+        },
+    );
     if let Some(distance_mm) = evidence.landmark_distance_mm {
         // Names that contradict the pose have to be outweighed by the shape alone.
         let is_excused = evidence.is_misnamed && evidence.level_margin >= options.min_level_margin;
@@ -211,7 +220,7 @@ pub(crate) fn pooled_rejection(misfits: &[Misfit], options: &VerdictOptions) -> 
         return None;
     }
     let pooled = Misfit::pooled(misfits);
-    let holds = pooled.beyond_noise_mm2(options.misfit_in_sigma)
+    let holds = pooled.beyond_noise_mm2(options.pooled_misfit_in_sigma)
         <= options.max_misfit_mm * options.max_misfit_mm;
     (!holds).then(|| Rejection::SpineDiffers {
         misfit_mm: pooled.depth_mm(),
@@ -287,6 +296,7 @@ mod tests {
             landmark_distance_mm: Some(4.0),
             misfit: NOISE_ONLY,
             seen_through: 0.0,
+            hidden_share: 0.0,
             sensor_noise_mm: None,
         }
     }
@@ -394,6 +404,7 @@ mod tests {
                 "taken for bone",
                 Box::new(|e| e.sensor_noise_mm = Some(0.25)),
             ),
+            ("in front of", Box::new(|e| e.hidden_share = 0.8)),
             ("saw through 12 %", Box::new(|e| e.seen_through = 0.12)),
             ("right patient", Box::new(|e| e.misfit.covariance_mm2 = 0.5)),
             (

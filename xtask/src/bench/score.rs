@@ -147,16 +147,19 @@ fn evidence(found: &VertebraTransfer, transfer: &Transfer) -> String {
         .join(" and ");
     let sd = |at: usize| {
         let block = |c: PoseCovariance| c.matrix.fixed_view::<3, 3>(at, at).into_owned();
-        let worst = found.covariance.map(|c| block(c).symmetric_eigenvalues().max());
+        let worst = found
+            .covariance
+            .map(|c| block(c).symmetric_eigenvalues().max());
         worst.map_or(f64::NAN, f64::sqrt)
     };
     let (sd_rad, sd_mm) = (sd(0), sd(3));
     format!(
-        " [noise {:.2} of {:.2}, breach {breach}, misfit {:.2}, through {:.3}, explained {:.2}, covers {:.2}, margin {:.2}, level {:.2}, sd {:.2} mm {:.2}°, n {}]",
+        " [noise {:.2} of {:.2}, breach {breach}, misfit {:.2}, through {:.3}, hidden {:.2}, explained {:.2}, covers {:.2}, margin {:.2}, level {:.2}, sd {:.2} mm {:.2}°, n {}]",
         found.noise_mm,
         transfer.sensor_noise_mm.unwrap_or(f64::NAN),
         found.misfit_mm,
         found.seen_through,
+        found.hidden_share,
         found.explained_share,
         found.posterior_coverage,
         found.alternative_margin,
