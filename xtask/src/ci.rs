@@ -6,8 +6,8 @@ use clap::Args;
 
 use crate::{XtaskError, complain, fixture, say, workspace_root};
 
-/// Run what .ci/run runs: format, lints, tests, documentation, and a reduced benchmark on the
-/// phantom and, where they are, on the real spines.
+/// Run what .ci/run runs: format, lints, tests, documentation, a reduced benchmark of the published suite
+/// on the phantom and, where they are, on the real spines, and one of every suite on the phantom.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
     /// Folder with the real spines, ../shared/data beside the checkout by default; skipped, with
@@ -58,6 +58,11 @@ impl Arguments {
             command.extend([DRAWS.to_owned(), "--spine".to_owned(), spine.clone()]);
             steps.push(("benchmark", command, None));
         }
+        steps.push((
+            "benchmark",
+            words("cargo xtask bench-scenarios --suite all --draws 1"),
+            None,
+        ));
         for (what, command, rustdocflags) in steps {
             if !step(what, &command, rustdocflags)? {
                 complain(&format!("{what} failed: {}", command.join(" ")));

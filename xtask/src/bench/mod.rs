@@ -10,6 +10,7 @@ mod published;
 mod report;
 mod score;
 mod screws;
+mod suite_gates;
 mod suite_report;
 mod suites;
 pub(crate) mod total;
@@ -79,7 +80,7 @@ pub(crate) struct Arguments {
     /// Write the tables as Markdown.
     #[arg(long, value_name = "FILE")]
     markdown: Option<PathBuf>,
-    /// Gates to hold the figures of the suite paper against; fixtures/gates.ron by default.
+    /// Gates to hold the figures against; fixtures/gates.ron by default.
     #[arg(long, value_name = "FILE")]
     gates: Option<PathBuf>,
     /// Rewrite the gates of this spine from this run. Never in CI.
@@ -168,6 +169,13 @@ impl Arguments {
             }
             if *suite == Suite::Paper {
                 held &= self.judge(&outcome.name, &cells)?;
+            } else if !self.update_gates {
+                let file = self.gate_file();
+                let missed = Gates::read(&file)?.missed_of_suite(&suite.to_string(), &cells);
+                for sentence in &missed {
+                    complain(&format!("gate missed: {}: {sentence}", outcome.name));
+                }
+                held &= missed.is_empty();
             }
             documents.push(markdown);
             files.push(SuiteFile {
@@ -313,8 +321,12 @@ impl Arguments {
         (summary.text(), summary.markdown())
     }
 
+    fn gate_file(&self) -> PathBuf {
+        self.gates.clone().unwrap_or_else(|| fixture("gates.ron"))
+    }
+
     fn judge(&self, spine: &str, cells: &[Cell]) -> Result<bool, XtaskError> {
-        let file = self.gates.clone().unwrap_or_else(|| fixture("gates.ron"));
+        let file = self.gate_file();
         let exists = file.is_file();
         let mut gates = if self.update_gates && !exists {
             Gates::empty()
