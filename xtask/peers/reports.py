@@ -57,8 +57,8 @@ def browser(folder):
                                                "profile.default_content_setting_values.automatic_downloads": 1})
     service = webdriver.ChromeService(executable_path=shutil.which("chromedriver"))
     driver = webdriver.Chrome(options=options, service=service)
-    driver.set_page_load_timeout(60)
-    driver.set_script_timeout(60)
+    driver.set_page_load_timeout(110)
+    driver.set_script_timeout(110)
     return driver
 
 
