@@ -98,7 +98,13 @@ class Controls {
       this.checkbox(this.find("roles"), names[role], true, (on) => viewer.toggle("roles", role, on), role === "transferred" ? "var(--red)" : "var(--blue)");
     }
     this.find("screw-toggles").hidden = roles.length === 0;
-    this.checkbox(this.find("groups"), "all bone", true, (on) => viewer.set({ hasSurfaces: on })).id = "bone";
+    const isAnatomy = scene.kind === "anatomy";
+    if (!isAnatomy) {
+      this.find("groups").parentElement.querySelector("legend").textContent = "Surfaces";
+      this.find("structures").parentElement.querySelector("legend").textContent = "Parts";
+      this.find("opacity").parentElement.firstChild.textContent = "Opacity ";
+    }
+    this.checkbox(this.find("groups"), isAnatomy ? "all bone" : "all surfaces", true, (on) => viewer.set({ hasSurfaces: on })).id = "bone";
     for (const group of viewer.groups) {
       this.checkbox(this.find("groups"), group, state.groups[group], (on) => viewer.toggle("groups", group, on));
     }

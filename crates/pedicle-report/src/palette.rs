@@ -9,10 +9,10 @@ const VIRIDIS: [&str; 9] = [
     "#fde725",
 ];
 
-/// Bands of lightness across the height of a shape.
-const N_BANDS: f64 = 30.0;
-/// How much darker every other band is.
-const BAND_DEPTH: f64 = 0.3;
+/// Waves of lightness across the height of a shape: few enough that edges do not blur them.
+const N_BANDS: f64 = 9.0;
+/// How much darker their troughs are.
+const BAND_DEPTH: f64 = 0.35;
 /// Ends of the axis that the common colour blindnesses leave apart: blue and orange.
 const BLUE: [f64; 3] = [0.0, 0.36, 0.72];
 const ORANGE: [f64; 3] = [0.98, 0.66, 0.10];
@@ -67,8 +67,8 @@ pub fn correspondence_colors(vertices: &[Point3<f64>]) -> Vec<[u8; 3]> {
         .iter()
         .map(|p| {
             let (x, y, z) = (share(p, 0), share(p, 1), share(p, 2));
-            let band = (z * N_BANDS).floor() as i64 % 2 == 1;
-            let light = (0.8 + 0.2 * z) * if band { 1.0 - BAND_DEPTH } else { 1.0 };
+            let trough = 0.5 - 0.5 * (std::f64::consts::TAU * N_BANDS * z).cos();
+            let light = (0.85 + 0.15 * z) * (1.0 - BAND_DEPTH * trough);
             std::array::from_fn(|c| {
                 let mixed = BLUE[c] + (ORANGE[c] - BLUE[c]) * x;
                 let pale = mixed + (1.0 - mixed) * WHITE * y;
