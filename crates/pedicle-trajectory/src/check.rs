@@ -134,6 +134,8 @@ impl TrajectoryCheck {
 const REACH_MM: f64 = 15.0;
 /// Directions of the rays that measure beside the ends of the checked stretch.
 const RAY_DIRECTIONS: usize = 72;
+/// A face turned at most 45 degrees from the screw's direction is one that it leaves through forwards.
+const FORWARD_COSINE: f64 = std::f64::consts::FRAC_1_SQRT_2;
 /// The least clearance is found to this, mm.
 const EXACT_MM: f64 = 0.005;
 /// Stations are not put closer than this, mm.
@@ -357,8 +359,8 @@ impl Screw<'_> {
         let beside = judged.is_none_or(|s| (s.start..=s.end).contains(&(depth + along)));
         let across = to - self.axis * along;
         let lateral = across.norm() >= along.abs();
-        let left_forwards = closest.normal.dot(&self.axis) > 0.0 && along < 0.0;
-        if !inside && beside && !lateral && left_forwards {
+        let faces_forwards = closest.normal.dot(&self.axis) > FORWARD_COSINE;
+        if !inside && beside && faces_forwards && along <= 0.0 {
             // In front of the bone: how far out is the way back, not the way aside.
             return Wall {
                 clearance_mm: -closest.distance_mm,
