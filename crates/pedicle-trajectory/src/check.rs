@@ -134,6 +134,8 @@ impl TrajectoryCheck {
 const REACH_MM: f64 = 15.0;
 /// Directions of the rays that measure beside the ends of the checked stretch.
 const RAY_DIRECTIONS: usize = 72;
+/// A face turned at most 45 degrees from the screw's direction is one that it leaves through forwards.
+const FORWARD_COSINE: f64 = std::f64::consts::FRAC_1_SQRT_2;
 /// The least clearance is found to this, mm.
 const EXACT_MM: f64 = 0.005;
 /// Stations are not put closer than this, mm.
@@ -277,9 +279,10 @@ impl Screw<'_> {
 
     /// Adds stations to the judged part of a profile until its least clearance is exact.
     ///
-    /// A distance changes by no more than the way along the axis. So between stations a and b
-    /// with clearances c_a and c_b none is less than (c_a + c_b - (b - a)) / 2 (Piyavskii 1972),
-    /// and intervals that cannot hold a new least one are left alone.
+    /// Inside, a surface point beside the axis between stations a and b, at least m from both, is
+    /// at least √(m² - (b - a)² / 4) from the axis. Outside, a distance changes by no more than the
+    /// way along the axis, so no clearance is less than (c_a + c_b - (b - a)) / 2 (Piyavskii 1972).
+    /// Intervals that cannot hold a new least one are left alone.
     fn find_least(&self, profile: &mut Vec<ClearanceSample>, stretch: Option<Stretch>) {
         for zone in [Zone::Pedicle, Zone::Body] {
             let of_zone: Vec<ClearanceSample> =
@@ -293,7 +296,12 @@ impl Screw<'_> {
             let mut n_added = 0;
             while let Some((a, b)) = open.pop() {
                 let way = b.depth_mm - a.depth_mm;
-                let bound = 0.5 * (a.clearance_mm + b.clearance_mm - way);
+                let nearest = a.clearance_mm.min(b.clearance_mm) + self.radius_mm();
+                let bound = if nearest > 0.0 {
+                    (nearest * nearest - 0.25 * way * way).max(0.0).sqrt() - self.radius_mm()
+                } else {
+                    0.5 * (a.clearance_mm + b.clearance_mm - way)
+                };
                 let done = way < MIN_WAY_MM || n_added >= MAX_ADDED;
                 if done || bound > least - EXACT_MM {
                     continue;
@@ -357,8 +365,8 @@ impl Screw<'_> {
         let beside = judged.is_none_or(|s| (s.start..=s.end).contains(&(depth + along)));
         let across = to - self.axis * along;
         let lateral = across.norm() >= along.abs();
-        let left_forwards = closest.normal.dot(&self.axis) > 0.0 && along < 0.0;
-        if !inside && beside && !lateral && left_forwards {
+        let faces_forwards = closest.normal.dot(&self.axis) > FORWARD_COSINE;
+        if !inside && beside && faces_forwards && along <= 0.0 {
             // In front of the bone: how far out is the way back, not the way aside.
             return Wall {
                 clearance_mm: -closest.distance_mm,
@@ -377,7 +385,7 @@ impl Screw<'_> {
         let direction = match zone {
             Zone::Body => self.direction_in_body(&x, &normal),
             _ if inside => self.direction_across(&outward),
-            _ => self.direction_across(&self.offset_from_pedicle(&x)),
+            _ => self.direction_across(&self.side_of_pedicle(&x)),
         };
         Wall {
             clearance_mm: sign * distance.min(REACH_MM) - self.radius_mm(),
@@ -406,6 +414,16 @@ impl Screw<'_> {
     fn offset_from_pedicle(&self, x: &Point3<f64>) -> Vector3<f64> {
         let d = x - self.pedicle.isthmus_center_mm;
         d - self.pedicle.axis * self.pedicle.axis.dot(&d)
+    }
+
+    /// The same in widths and heights of the pedicle: a pedicle is higher than wide, so what is off
+    /// by as much to the side and upwards has left it to the side.
+    fn side_of_pedicle(&self, x: &Point3<f64>) -> Vector3<f64> {
+        let offset = self.offset_from_pedicle(x);
+        let across = self.pedicle.width_direction;
+        let upward = self.pedicle.axis.cross(&across);
+        across * (offset.dot(&across) / self.pedicle.width_mm)
+            + upward * (offset.dot(&upward) / self.pedicle.height_mm)
     }
 
     fn direction_across(&self, outward: &Vector3<f64>) -> BreachDirection {
