@@ -133,8 +133,7 @@ fn summed_up(cell: &SuiteCell, members: &[&ScenarioScore]) -> Cell {
     }
 }
 
-/// Of some vertebrae those of which enough is seen.
-pub(super) fn seen(all: &[&VertebraScore]) -> Seen {
+fn seen(all: &[&VertebraScore]) -> Seen {
     let subset = |share: &dyn Fn(&VertebraScore) -> f64| -> Vec<&VertebraScore> {
         let of_them = |v: &&&VertebraScore| v.present && share(v) >= SEEN_SHARE;
         all.iter().filter(of_them).copied().collect()
