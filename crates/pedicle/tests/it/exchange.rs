@@ -281,7 +281,11 @@ fn itk_transforms_of_other_kinds_are_refused() {
         ("4 5 6", "4 5", "11 numbers"),
         ("4 5 6", "4 NaN 6", "NaN"),
         ("FixedParameters", "Center", "FixedParameters"),
-        ("#Transform 0\n", "Transform: A\n", "no affine"),
+        (
+            "#Transform 0\n",
+            "Transform: AffineTransform_double_3_3\n",
+            "more than one",
+        ),
     ] {
         fs::write(&path, good.replace(from, to)).unwrap();
         let error = read_itk_transform(&path).unwrap_err().to_string();

@@ -104,9 +104,9 @@ impl Bench {
         serde_json::from_str(&std::fs::read_to_string(self.path(name)).unwrap()).unwrap()
     }
 
-    /// Runs the command, which must succeed.
+    /// Runs the command, which must succeed, writing over earlier results.
     pub(crate) fn run(&self, arguments: &[&str]) -> Output {
-        let output = pedicle(arguments);
+        let output = pedicle(&[arguments, &["--force"]].concat());
         assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
         output
     }
