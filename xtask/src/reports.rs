@@ -10,7 +10,7 @@ use crate::peers::venv;
 use crate::{XtaskError, complain, fixture, say, workspace_root};
 
 /// Make every kind of report and check it in headless Chromium: console, colours, switches, keyboard,
-/// touch, saved files, accessibility, time to open, bytes.
+/// touch, saved files, accessibility, bytes.
 ///
 /// Needs chromium and chromium-driver (Debian's names), python3 with venv, and the network once.
 /// Screenshots are left beside the reports.
@@ -22,6 +22,10 @@ pub(crate) struct Arguments {
     /// Python with selenium and pillow; without it an environment is made in .venv.
     #[arg(long, value_name = "PATH")]
     python: Option<PathBuf>,
+    /// Fail also where a page opens in more than 2 seconds or turns at less than 5 pictures a second; for
+    /// a machine with nothing else to do.
+    #[arg(long)]
+    times: bool,
     /// Check nothing, but draw the picture of the README into this .png.
     #[arg(long, value_name = "FILE")]
     picture: Option<PathBuf>,
@@ -45,6 +49,9 @@ impl Arguments {
             pedicle(&demo(&folder.join("demo.html")))?;
             browser.arg(picture);
             return Ok(run(&mut browser)? && is_small(picture)?);
+        }
+        if self.times {
+            browser.arg("--times");
         }
         let same = make(&folder)?;
         if !same {
@@ -133,6 +140,14 @@ fn make(folder: &Path) -> Result<bool, XtaskError> {
         "60",
         "--report",
         &at("map.html"),
+    ]))?;
+    let phantom = fixture("phantom");
+    pedicle(&words(&[
+        "check",
+        &phantom.display().to_string(),
+        &phantom.join("plan.ron").display().to_string(),
+        "--report",
+        &at("check.html"),
     ]))?;
     let program = std::env::current_exe().map_err(|source| XtaskError::Command {
         command: "this program".to_owned(),

@@ -11,7 +11,8 @@ use pedicle_trajectory::{
 };
 
 use super::{console::Console, exit_code, table::table};
-use crate::{CheckFile, Error, check_plan_frame, level_pairs, read_spine_file};
+use crate::report::{PlanReport, plan_page};
+use crate::{CheckFile, Error, check_plan_frame, level_pairs, read_spine_file, write_text};
 
 /// Check every screw of a plan against the bone: grade, breach, clearance, facets, canal.
 #[derive(Debug, Args)]
@@ -34,6 +35,9 @@ pub(super) struct Arguments {
     /// Write the result as JSON; - for standard output.
     #[arg(long, value_name = "OUT")]
     json: Option<PathBuf>,
+    /// Write a page that shows the plan: one .html file for any browser, no network needed.
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
     /// Coordinates of the spine, RAS or LPS, for 3D Slicer's Markups; from its SPACE= comments if not
     /// given, and RAS without those.
     #[arg(long, value_name = "SPACE")]
@@ -44,6 +48,9 @@ impl Arguments {
     pub(super) fn run(self, console: Console) -> Result<ExitCode, Error> {
         if let Some(path) = &self.json {
             console.check_output(path, None)?;
+        }
+        if let Some(path) = &self.report {
+            console.check_output(path, Some(".html"))?;
         }
         let source = read_spine_file(&self.spine)?;
         let options = MarkupsOptions {
@@ -66,6 +73,15 @@ impl Arguments {
                     error,
                 }
             })?;
+        if let Some(path) = &self.report {
+            let page = plan_page(&PlanReport {
+                title: "Check of a plan",
+                spine: &pairs,
+                anatomy: &spine,
+                screws: &reports,
+            });
+            write_text(path, &page.html())?;
+        }
         console.report(
             self.json.as_deref(),
             &CheckFile::from(&reports[..]),

@@ -11,7 +11,8 @@ use pedicle_trajectory::{
 };
 
 use super::{console::Console, table::table};
-use crate::{Error, PlanFile, level_pairs, read_spine_file};
+use crate::report::{PlanReport, plan_page};
+use crate::{Error, PlanFile, level_pairs, read_spine_file, write_text};
 
 /// Plan the screw of largest clearance for every pedicle, within the limits.
 #[derive(Debug, Args)]
@@ -46,6 +47,9 @@ pub(super) struct Arguments {
     /// Write plan and checks as JSON; - for standard output.
     #[arg(long, value_name = "OUT")]
     json: Option<PathBuf>,
+    /// Write a page that shows the plan: one .html file for any browser, no network needed.
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
     /// Coordinates of the spine, RAS or LPS, for 3D Slicer's Markups; from its SPACE= comments if not
     /// given, and RAS without those.
     #[arg(long, value_name = "SPACE")]
@@ -70,6 +74,9 @@ impl Arguments {
             .flatten()
         {
             console.check_output(path, None)?;
+        }
+        if let Some(path) = &self.report {
+            console.check_output(path, Some(".html"))?;
         }
         let source = read_spine_file(&self.spine)?;
         let space = self.frame.or(source.space).unwrap_or_default();
@@ -114,6 +121,15 @@ impl Arguments {
             })?;
         write_plan_in(&self.output, &plan, space)?;
         let file = PlanFile::new(&planned, &reports);
+        if let Some(path) = &self.report {
+            let page = plan_page(&PlanReport {
+                title: "Plan",
+                spine: &pairs,
+                anatomy: &spine,
+                screws: &reports,
+            });
+            write_text(path, &page.html())?;
+        }
         console.report(self.json.as_deref(), &file, &text(&planned, &reports))?;
         Ok(ExitCode::SUCCESS)
     }
