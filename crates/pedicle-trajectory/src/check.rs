@@ -473,7 +473,7 @@ impl Screw<'_> {
             let offset = nearest - self.pedicle.isthmus_center_mm;
             return Some(Wall {
                 clearance_mm: -offset.norm() - self.radius_mm(),
-                direction: self.direction_across(&self.offset_from_pedicle(&nearest)),
+                direction: self.direction_across(&self.side_of_pedicle(&nearest)),
             });
         };
         let x = self.at(depth);
@@ -494,7 +494,7 @@ impl Screw<'_> {
         };
         Some(Wall {
             clearance_mm,
-            direction: self.direction_across(&offset),
+            direction: self.direction_across(&self.side_of_pedicle(&x)),
         })
     }
 }
