@@ -383,6 +383,8 @@ impl Screw<'_> {
         };
         let sign = if inside { 1.0 } else { -1.0 };
         let direction = match zone {
+            // From outside, the nearest face is the one the screw has left through.
+            Zone::Body if !inside => self.direction_in_body(&x, &closest.normal),
             Zone::Body => self.direction_in_body(&x, &normal),
             _ if inside => self.direction_across(&outward),
             _ => self.direction_across(&self.side_of_pedicle(&x)),
