@@ -383,6 +383,8 @@ impl Screw<'_> {
         };
         let sign = if inside { 1.0 } else { -1.0 };
         let direction = match zone {
+            // From outside, the nearest face is the one the screw has left through.
+            Zone::Body if !inside => self.direction_in_body(&x, &closest.normal),
             Zone::Body => self.direction_in_body(&x, &normal),
             _ if inside => self.direction_across(&outward),
             _ => self.direction_across(&self.side_of_pedicle(&x)),
@@ -473,7 +475,7 @@ impl Screw<'_> {
             let offset = nearest - self.pedicle.isthmus_center_mm;
             return Some(Wall {
                 clearance_mm: -offset.norm() - self.radius_mm(),
-                direction: self.direction_across(&self.offset_from_pedicle(&nearest)),
+                direction: self.direction_across(&self.side_of_pedicle(&nearest)),
             });
         };
         let x = self.at(depth);
@@ -494,7 +496,7 @@ impl Screw<'_> {
         };
         Some(Wall {
             clearance_mm,
-            direction: self.direction_across(&offset),
+            direction: self.direction_across(&self.side_of_pedicle(&x)),
         })
     }
 }
