@@ -1,6 +1,8 @@
 //! Segmented label maps to closed surfaces of vertebrae in RAS millimetres.
 //!
-//!     file ─► rows ─► runs of equal labels ─► largest part of a level ─► Gaussian ─► { g = c }
+//! ```text
+//! file ─► rows ─► runs of equal labels ─► largest part of a level ─► Gaussian ─► { g = c }
+//! ```
 //!
 //! - [`import_label_map`]: L1 to L5 of a NIfTI file, with a report on every level.
 //! - [`LabelScheme`]: which label is which level: VerSe, TotalSegmentator, or a file of one's own.

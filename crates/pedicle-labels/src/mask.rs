@@ -1,6 +1,8 @@
 //! One part of a label as a small volume of its own.
 //!
-//!     g = G_σ * m,   m = 1 inside and 0 outside
+//! ```text
+//! g = G_σ * m,   m = 1 inside and 0 outside
+//! ```
 //!
 //! Closed holes inside are filled first: they are gaps of the segmentation, and their walls would be
 //! surfaces that no bone has.

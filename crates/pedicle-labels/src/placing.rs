@@ -1,6 +1,8 @@
 //! Vertices moved onto a level of the blurred mask.
 //!
-//!     x ← x + (c - g(x)) ∇g / |∇g|²
+//! ```text
+//! x ← x + (c - g(x)) ∇g / |∇g|²
+//! ```
 //!
 //! Surface nets leave a vertex at the mean of the crossings in its cell: inside of every ridge. A few
 //! Newton steps on the trilinear interpolant of g bring it to the level c, and as c may differ from

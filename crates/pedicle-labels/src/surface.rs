@@ -1,6 +1,8 @@
 //! One part as a closed surface without the stairs of its voxels.
 //!
-//!     { x : (G_σ * m)(x) = c },   c such that the volume inside is that of the voxels
+//! ```text
+//! { x : (G_σ * m)(x) = c },   c such that the volume inside is that of the voxels
+//! ```
 //!
 //! A Gaussian of 0.7 voxels removes the stairs; at c = 1/2 it would take about 1 % of the volume of a
 //! vertebra, most of it from thin processes, so c is moved until the volume is kept. Surface nets at

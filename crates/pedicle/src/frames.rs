@@ -1,6 +1,8 @@
 //! Whether a plan and a spine are in the same coordinates.
 //!
-//!     x_LPS = diag(-1, -1, 1) x_RAS
+//! ```text
+//! x_LPS = diag(-1, -1, 1) x_RAS
+//! ```
 //!
 //! A plan in RAS read as LPS lies outside the spine, and inside once both its signs are turned.
 

@@ -1,6 +1,8 @@
 //! ITK's transform files, `.tfm`, as 3D Slicer and SimpleITK read them.
 //!
-//!     x_moving = M (x_fixed - c) + c + t,   LPS, mm
+//! ```text
+//! x_moving = M (x_fixed - c) + c + t,   LPS, mm
+//! ```
 //!
 //! ITK maps points of the fixed image to the moving one: with the target fixed and the source moving a
 //! file holds `source_from_target`, the inverse of what a transfer reports. 3D Slicer takes it that

@@ -67,7 +67,9 @@ fn reason_against(document: &Document, target: &str, documents: &[Document]) -> 
     } else {
         normalized(&folder.join(file))
     };
-    if path.is_absolute() || !workspace_root().join(&path).exists() {
+    let is_there =
+        documents.iter().any(|d| d.path == path) || workspace_root().join(&path).exists();
+    if path.is_absolute() || !is_there {
         return Some("there is no such file".to_owned());
     }
     if anchor.is_empty() {

@@ -1,7 +1,9 @@
 //! From voxel indices to RAS millimetres.
 //!
-//!     sform:  x = S (i, j, k, 1)
-//!     qform:  x = R(b, c, d) diag(p₁, p₂, q p₃) (i, j, k) + offset,   q = ±1
+//! ```text
+//! sform:  x = S (i, j, k, 1)
+//! qform:  x = R(b, c, d) diag(p₁, p₂, q p₃) (i, j, k) + offset,   q = ±1
+//! ```
 //!
 //! sform before qform, as most programs do; without either nobody can tell left from right, and the
 //! file is refused. nifti1.h, "METHOD 2" and "METHOD 3".

@@ -193,8 +193,8 @@ fn a_diameter_may_come_from_outside() {
         diameter_mm: Some(5.5),
         ..MarkupsOptions::default()
     };
-    let given = read_plan_with(&path, &options).unwrap().trajectories[0].diameter_mm;
-    assert!((given - 5.5).abs() < f64::EPSILON, "given: {given}");
+    let t = read_plan_with(&path, &options).unwrap().trajectories[0];
+    assert_eq!((t.level, t.diameter_mm), (Level::L4, 5.5), "given");
 }
 
 /// Reads a spoilt line as a plan; the error must name the file.
