@@ -1,6 +1,8 @@
 //! The surface where samples on a regular grid change their sign, closed and manifold.
 //!
-//!     { x : f(x) = 0 },   f < 0 inside
+//! ```text
+//! { x : f(x) = 0 },   f < 0 inside
+//! ```
 //!
 //! Surface nets put one vertex in a cell. Where two opposite corners of a cell's side lie inside
 //! and the other two outside, or only two opposite corners of the cell differ from the rest, two

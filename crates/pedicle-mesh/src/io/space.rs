@@ -1,6 +1,8 @@
 //! Which way the axes of a patient's coordinates point.
 //!
-//!     x_LPS = diag(-1, -1, 1) x_RAS
+//! ```text
+//! x_LPS = diag(-1, -1, 1) x_RAS
+//! ```
 //!
 //! 3D Slicer keeps points as RAS (right, anterior, superior) and writes most files as LPS (left,
 //! posterior, superior). Its meshes say which in a comment `SPACE=RAS` or `SPACE=LPS`.
