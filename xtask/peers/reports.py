@@ -102,14 +102,12 @@ class Page:
         return cpu_seconds(self.driver.service.process.pid)
 
     def open(self, url):
-        before = self.cpu()
         self.driver.get(url)
         seconds = self.js("""
             if (window.viewer) { const gl = viewer.renderer.gl; gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4)); }
             return performance.now() / 1000;""")
         self.failures.expect(self.js("return document.documentElement.dataset.ready") == "yes", "the scripts did not run to their end")
-        # Other work on the machine is not the page's.
-        return min(seconds, self.cpu() - before)
+        return seconds
 
     def console(self):
         for entry in self.driver.get_log("browser"):
