@@ -16,9 +16,6 @@ fn measured_pedicles_are_the_true_ones() {
     let spine = measure_spine(&pairs, &PedicleOptions::default()).unwrap();
     for (found, truth) in spine.iter().zip(&phantom.vertebrae) {
         assert!(found.confidence() >= Confidence::Fair, "{:?}", found.doubts);
-        let tip = found.spinous_process_tip_mm.as_ref().unwrap();
-        let off = (tip - truth.landmark).norm();
-        assert!(off < 8.0, "{}: the tip is {off} mm off", found.level);
         for side in Side::ALL {
             let (p, t) = (
                 found.pedicle(side).unwrap().pedicle,
