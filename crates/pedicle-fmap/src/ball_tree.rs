@@ -124,7 +124,14 @@ impl<T: Scalar> BallTree<T> {
         }
     }
 
-    fn lay_balls(&mut self, n_coordinates: usize) {
+    /// Takes the rows of a tree of the same order and size, times a factor.
+    pub(crate) fn round(&mut self, exact: &BallTree<f64>, factor: f64, n_coordinates: usize) {
+        self.rows.round(&exact.rows, factor);
+        self.lay_balls(n_coordinates);
+    }
+
+    /// Lays balls around the rows as they are.
+    pub(crate) fn lay_balls(&mut self, n_coordinates: usize) {
         let rows = &self.rows;
         let balls = |run: usize, count: usize| -> Vec<Ball> {
             let balls = (0..count).into_par_iter();

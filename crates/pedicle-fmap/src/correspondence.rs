@@ -10,29 +10,32 @@
 //! short. On bent, noisy vertebrae it halves the error of the refined map.
 //!
 //! From step to step few images change: those of the step before bound the search, and C' is
-//! kept in all functions of both bases and corrected by the vertices whose image has changed,
+//! kept in the functions asked for so far, corrected by the vertices whose image has changed,
 //!
 //! ```text
 //! C' += Σ_y M(y) Φ_target(y, ·)ᵀ (Φ_source(T_new(y), ·) - Φ_source(T_old(y), ·))
 //! ```
 //!
-//! Searches between steps run in single precision on rows scaled by powers of two, the one that a
-//! result comes from in double. Vertices are kept in an order in which neighbours stand side by side.
+//! and given new rows and columns when more functions are asked for.
+//!
+//! Searches between steps run in single precision on rows scaled by powers of two. Where a result
+//! comes from a search it finds the few leaves that can hold the nearest row, which are then measured
+//! in double. Vertices are kept in an order in which neighbours stand side by side.
 
-use faer::{Accum, Mat, MatRef, Par, linalg::matmul::matmul};
+use faer::{Mat, MatRef};
 use pedicle_spectral::LaplaceBasis;
 
 use crate::{
     PointMap,
     ball_tree::{BallTree, CarryBalls, neighbours_side_by_side},
     convert::functions,
-    lanes::LANES,
     nearest::{Known, Search, search},
     progress::{RefinementStep, lost_share},
+    pulled_back::{Between, PulledBack},
 };
 
-/// Changed vertices a product takes: two matrices of this many columns stay inside a cache.
-const CHANGES_PER_PRODUCT: usize = 256;
+/// Rows of this length, where those of the target are about 1, still have squares in single precision.
+const LONGEST_ROUNDED_ROW: f64 = 1e15;
 
 /// A whole search is due when the number of functions has grown by one part in so many.
 const WHOLE_SEARCH_GROWTH: usize = 2;
@@ -40,8 +43,8 @@ const WHOLE_SEARCH_GROWTH: usize = 2;
 /// See the module.
 pub(crate) struct Correspondence {
     source: BallTree<f64>,
-    /// For searches between steps, once there are any.
-    steps: Option<Steps>,
+    /// For most of the searching.
+    rounded: Rounded,
     /// The target vertex at every position: neighbours side by side.
     order: Vec<u32>,
     /// Φ_targetᵀ by position.
@@ -56,12 +59,12 @@ pub(crate) struct Correspondence {
     squared_norms: (Vec<f64>, usize),
     /// Functions of the target and of the source in the last search that remembered.
     searched_at: (usize, usize),
-    /// C' of the images in all functions, n_target × n_source.
-    pulled_back: Mat<f64>,
+    /// C' of the images in the functions asked for so far, n_target × n_source.
+    pulled_back: PulledBack,
 }
 
 /// Both shapes in single precision.
-struct Steps {
+struct Rounded {
     source: BallTree<f32>,
     /// Φ_targetᵀ by position, times `factors.0`.
     functions: Mat<f32>,
@@ -91,26 +94,33 @@ impl Correspondence {
             }
         }
         Self {
+            rounded: Rounded::new(&source, &by_position),
             mass: order.iter().map(|&v| target.mass[v as usize]).collect(),
             functions: by_position,
             known: vec![Known::default(); order.len()],
             images: vec![None; order.len()],
             squared_norms: (vec![0.0; source.n_rows()], 0),
             searched_at: (0, 0),
-            pulled_back: Mat::zeros(n_target, n_source),
+            pulled_back: PulledBack::new(),
             order,
             source,
-            steps: None,
         }
     }
 
     /// Nearest rows for a map of any size within the bases; the number of images it changed.
     pub(crate) fn assign(&mut self, map: MatRef<'_, f64>) -> usize {
-        // Their memory is better used for the exact rows.
-        self.steps = None;
-        self.source.carry(map, CarryBalls::Yes);
+        self.source.carry(map, CarryBalls::No);
         let queries = self.functions.subrows(0, map.nrows());
-        search(&self.source, queries, &mut self.known, Search::Whole);
+        let rounded = &mut self.rounded;
+        let how = if rounded.find_candidates(&self.source, map.nrows(), &mut self.known) {
+            Search::Remembered
+        } else {
+            self.source.lay_balls(map.nrows());
+            Search::Whole
+        };
+        search(&self.source, queries, &mut self.known, how);
+        // What came near has given way to what can be nearest.
+        self.searched_at = (0, 0);
         self.replace()
     }
 
@@ -128,18 +138,22 @@ impl Correspondence {
         } else {
             Search::Remembered
         };
-        let steps = match &mut self.steps {
-            Some(steps) => steps,
-            none => none.insert(Steps::new(&self.source, &self.functions)),
-        };
-        steps.search(map, &mut self.known, how);
+        self.rounded.search_step(map, &mut self.known, how);
         self.replace()
     }
 
     /// C' of the present point map in the first functions, n_target × n_source.
-    pub(crate) fn pulled_back(&self, (n_target, n_source): (usize, usize)) -> Mat<f64> {
-        let part = self.pulled_back.submatrix(0, 0, n_target, n_source);
-        part.to_owned()
+    pub(crate) fn pulled_back(&mut self, size: (usize, usize)) -> Mat<f64> {
+        self.kept(size).to_owned()
+    }
+
+    fn kept(&mut self, size: (usize, usize)) -> MatRef<'_, f64> {
+        let between = Between {
+            source: &self.source.functions,
+            target: self.functions.as_ref(),
+            mass: &self.mass,
+        };
+        self.pulled_back.part(between, &self.images, size)
     }
 
     /// The present point map.
@@ -187,13 +201,13 @@ impl Correspondence {
         *n_counted = n_source;
         let pairs = hits.iter().zip(&*norms);
         let carried: f64 = pairs.map(|(mass, norm)| mass * norm).sum();
-        let kept = self.pulled_back.submatrix(0, 0, n_target, n_source);
+        let kept = self.kept((n_target, n_source)).squared_norm_l2();
         RefinementStep {
             n_source,
             n_target,
             coverage: self.coverage(),
             changed: n_changed as f64 / self.images.len() as f64,
-            energy: lost_share(carried, carried - kept.squared_norm_l2()),
+            energy: lost_share(carried, carried - kept),
             quality: None,
         }
     }
@@ -204,43 +218,19 @@ impl Correspondence {
         let changed: Vec<usize> = (0..images.len())
             .filter(|&y| self.images[y] != images[y])
             .collect();
-        let (n_target, n_source) = self.pulled_back.shape();
-        let size = CHANGES_PER_PRODUCT.min(changed.len());
-        let mut weighted = Mat::zeros(n_target, size);
-        let mut difference = Mat::zeros(n_source, size);
-        for chunk in changed.chunks(CHANGES_PER_PRODUCT) {
-            for (j, &y) in chunk.iter().enumerate() {
-                let to = weighted.col_as_slice_mut(j).iter_mut();
-                for (w, phi) in to.zip(self.functions.col_as_slice(y)) {
-                    *w = self.mass[y] * phi;
-                }
-                let to = difference.col_as_slice_mut(j);
-                to.fill(0.0);
-                for (image, sign) in [(images[y], 1.0), (self.images[y], -1.0)] {
-                    let Some(p) = image.map(|p| p as usize) else {
-                        continue;
-                    };
-                    let row = self.source.functions.leaf(p / LANES, n_source);
-                    for (d, phi) in to.iter_mut().zip(row) {
-                        *d += sign * phi[p % LANES];
-                    }
-                }
-            }
-            matmul(
-                self.pulled_back.as_mut(),
-                Accum::Add,
-                weighted.subcols(0, chunk.len()),
-                difference.subcols(0, chunk.len()).transpose(),
-                1.0,
-                Par::Seq,
-            );
-        }
+        let between = Between {
+            source: &self.source.functions,
+            target: self.functions.as_ref(),
+            mass: &self.mass,
+        };
+        let pulled_back = &mut self.pulled_back;
+        pulled_back.correct(between, &changed, &self.images, &images);
         self.images = images;
         changed.len()
     }
 }
 
-impl Steps {
+impl Rounded {
     fn new(source: &BallTree<f64>, target_functions: &Mat<f64>) -> Self {
         let order: Vec<u32> = (0..source.n_rows() as u32).collect();
         let (n_source, n_target) = (source.functions.dimension(), target_functions.nrows());
@@ -258,10 +248,30 @@ impl Steps {
         }
     }
 
-    fn search(&mut self, map: MatRef<'_, f64>, known: &mut [Known], how: Search) {
-        let balls = match how {
-            Search::Remembered => CarryBalls::No,
-            Search::Whole | Search::WholeRemembering => CarryBalls::Yes,
+    /// Remembers all leaves that may hold nearest rows of a source in double precision; false if
+    /// its rows are too long beside the target's for single precision.
+    fn find_candidates(
+        &mut self,
+        source: &BallTree<f64>,
+        n_target: usize,
+        known: &mut [Known],
+    ) -> bool {
+        self.source.round(source, self.factors.0, n_target);
+        // Written so that what is not a number does not fit either.
+        let fits = self.source.largest_norm < LONGEST_ROUNDED_ROW;
+        if fits {
+            let queries = self.functions.subrows(0, n_target);
+            search(&self.source, queries, known, Search::Candidates);
+        }
+        fits
+    }
+
+    /// Carries the source and searches it, in single precision.
+    fn search_step(&mut self, map: MatRef<'_, f64>, known: &mut [Known], how: Search) {
+        let balls = if how == Search::Remembered {
+            CarryBalls::No
+        } else {
+            CarryBalls::Yes
         };
         let factor = self.factors.0 / self.factors.1;
         let (n_target, n_source) = map.shape();
@@ -350,11 +360,13 @@ mod tests {
         let mut correspondence = Correspondence::new(&source, &target, (40, 30));
         for seed in 0..20 {
             correspondence.assign_step(map(25, seed).matrix.as_ref());
+            // Rows alone, columns alone, both, neither.
+            let size = (12 + seed as usize / 2, 10 + seed as usize / 3);
+            let now = correspondence.point_map();
+            let direct = pulled_back(&source, &target, &now, size).matrix;
+            let kept = correspondence.pulled_back(size);
+            assert!((&direct - &kept).norm_l2() < 1e-11 * direct.norm_l2());
         }
-        let now = correspondence.point_map();
-        let direct = pulled_back(&source, &target, &now, (40, 30)).matrix;
-        let kept = correspondence.pulled_back((40, 30));
-        assert!((&direct - &kept).norm_l2() < 1e-11 * direct.norm_l2());
     }
 
     #[test]

@@ -109,6 +109,18 @@ impl<T: Scalar> Lanes<T> {
         })
     }
 
+    /// Takes the numbers of rows of the same size, times a factor.
+    pub(crate) fn round(&mut self, exact: &Lanes<f64>, factor: f64) {
+        use rayon::prelude::*;
+        debug_assert_eq!(self.values.len(), exact.values.len(), "same size");
+        let pairs = self.values.par_iter_mut().zip(&exact.values);
+        pairs.with_min_len(1024).for_each(|(to, from)| {
+            for (to, from) in to.iter_mut().zip(from) {
+                *to = T::of(factor * from);
+            }
+        });
+    }
+
     /// The first coordinates of the rows of a leaf.
     #[inline(always)]
     pub(crate) fn leaf(&self, leaf: usize, count: usize) -> impl Iterator<Item = &Row<T>> {

@@ -102,6 +102,7 @@ mod pairs;
 mod partial;
 mod precise;
 mod progress;
+mod pulled_back;
 mod quality;
 mod sampling;
 mod scalar;

@@ -62,13 +62,16 @@ pub(crate) struct Known {
     near: Vec<u32>,
 }
 
-/// Where to search.
+/// Where to search, and what for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Search {
     /// Everywhere.
     Whole,
     /// Everywhere, remembering what came near.
     WholeRemembering,
+    /// Everywhere, remembering all leaves that may hold the nearest row, given that both the rows
+    /// and the queries have been rounded to this precision.
+    Candidates,
     /// In what came near.
     Remembered,
 }
@@ -136,9 +139,17 @@ impl<T: Scalar> pulp::WithSimd for Batch<'_, T> {
             Search::Whole => search_everywhere(tree, queries, best, None),
             Search::WholeRemembering => {
                 let mut near = vec![Vec::new(); best.len()];
-                search_everywhere(tree, queries, best, Some(&mut near));
+                search_everywhere(tree, queries, best, Some((REMEMBERED_REACH, &mut near)));
                 for (known, near) in known.iter_mut().zip(&mut near) {
-                    known.remember(near);
+                    known.remember(near, LEAVES_PER_QUERY);
+                }
+            }
+            Search::Candidates => {
+                let mut near = vec![Vec::new(); best.len()];
+                search_everywhere(tree, queries, best, Some((1.0, &mut near)));
+                for ((known, near), best) in known.iter_mut().zip(&mut near).zip(&*best) {
+                    near.retain(|&(distance, _)| distance <= best.reach);
+                    known.remember(near, usize::MAX);
                 }
             }
             Search::Remembered => {}
@@ -153,11 +164,11 @@ impl<T: Scalar> pulp::WithSimd for Batch<'_, T> {
 type Near = Vec<(f64, u32)>;
 
 impl Known {
-    fn remember(&mut self, near: &mut Near) {
+    fn remember(&mut self, near: &mut Near, at_most: usize) {
         let nearer = |a: &(f64, u32), b: &(f64, u32)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
-        if near.len() > LEAVES_PER_QUERY {
-            near.select_nth_unstable_by(LEAVES_PER_QUERY, nearer);
-            near.truncate(LEAVES_PER_QUERY);
+        if near.len() > at_most {
+            near.select_nth_unstable_by(at_most, nearer);
+            near.truncate(at_most);
         }
         near.sort_unstable_by(nearer);
         self.near.clear();
@@ -165,19 +176,16 @@ impl Known {
     }
 }
 
-/// Goes through all balls that come near enough to some query.
+/// Goes through all balls that come near enough to some query, and notes what comes within so many
+/// times its reach.
 #[inline(always)]
 fn search_everywhere<T: Scalar>(
     tree: &BallTree<T>,
     queries: MatRef<'_, T>,
     best: &mut [Best],
-    mut near: Option<&mut Vec<Near>>,
+    mut near: Option<(f64, &mut Vec<Near>)>,
 ) {
-    let further = if near.is_some() {
-        REMEMBERED_REACH
-    } else {
-        1.0
-    };
+    let further = near.as_ref().map_or(1.0, |(further, _)| *further);
     let (centre, reach) = ball_around(queries, best, further);
     for groups in 0..tree.groups.len().div_ceil(LANES) {
         let in_reach = tree.groups.in_reach(groups, &centre, reach);
@@ -196,7 +204,7 @@ fn search_everywhere<T: Scalar>(
                         }
                         let leaf = block * LANES + lane;
                         let distance = best.measure(tree, leaf, query, further);
-                        if let Some(near) = &mut near
+                        if let Some((_, near)) = &mut near
                             && distance <= further * best.reach
                         {
                             near[i].push((distance, leaf as u32));
@@ -295,11 +303,13 @@ impl Best {
         let is_whole = search != Search::Remembered;
         let query = if is_whole { query } else { &[] };
         let norm = query.iter().map(|x| x.wide().powi(2)).sum::<f64>().sqrt();
+        // Two distances and a bound are rounded where candidates are asked for, else the bound.
+        let times = if search == Search::Candidates { 3.0 } else { 1.0 };
         Self {
             squared_distance: f64::INFINITY,
             position: 0,
             reach: f64::INFINITY,
-            slack: T::BOUND_SLACK * (norm + tree.largest_norm),
+            slack: times * T::BOUND_SLACK * (norm + tree.largest_norm),
         }
     }
 

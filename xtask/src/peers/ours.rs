@@ -35,7 +35,8 @@ pub(crate) struct ChildArguments {
 impl ChildArguments {
     pub(crate) fn run(self) -> Result<bool, XtaskError> {
         let job: Job = read_json(&self.job)?;
-        let outcome = chain(&job)?;
+        // On a thread of the pool: a stage need not be handed over to it.
+        let outcome = rayon::scope(|_| chain(&job))?;
         pedicle::write_json(&job.output, &outcome)?;
         Ok(true)
     }
@@ -79,7 +80,8 @@ pub(crate) fn descriptors(
         Ok(normalize_columns(concatenate_columns(&parts), &basis.mass))
     };
     let failed = failed(DESCRIPTORS);
-    Ok([of(0).map_err(&failed)?, of(1).map_err(&failed)?])
+    let (a, b) = rayon::join(|| of(0), || of(1));
+    Ok([a.map_err(&failed)?, b.map_err(&failed)?])
 }
 
 /// All terms of the energy, with an operator of either kind for every descriptor.
