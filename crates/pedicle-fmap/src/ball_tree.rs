@@ -13,7 +13,7 @@ use faer::{Accum, Mat, MatRef, Par, linalg::matmul::matmul};
 use rayon::prelude::*;
 
 use crate::{
-    lanes::{LANES, Lanes},
+    lanes::{Batches, LANES, Leaves},
     scalar::Scalar,
 };
 
@@ -30,9 +30,9 @@ pub(crate) struct BallTree<T> {
     /// The row at every position.
     pub(crate) order: Vec<u32>,
     /// Φ by position.
-    pub(crate) functions: Lanes<T>,
+    pub(crate) functions: Batches<T>,
     /// The rows as they are now, by position.
-    pub(crate) rows: Lanes<T>,
+    pub(crate) rows: Leaves<T>,
     /// Norm of the longest row.
     pub(crate) largest_norm: f64,
     /// Around leaves.
@@ -54,7 +54,7 @@ pub(crate) enum CarryBalls {
 #[derive(Debug, Clone)]
 pub(crate) struct Balls<T> {
     /// Means of the rows.
-    pub(crate) centres: Lanes<T>,
+    pub(crate) centres: Leaves<T>,
     /// Farthest row from the centre.
     pub(crate) radii: Vec<f64>,
 }
@@ -71,8 +71,8 @@ impl<T: Scalar> BallTree<T> {
         let n = order.len();
         let n_leaves = n.div_ceil(LANES);
         Self {
-            functions: Lanes::from_rows(matrix, &order, factor),
-            rows: Lanes::zeros(n, n_coordinates),
+            functions: Batches::from_rows(matrix, &order, factor),
+            rows: Leaves::zeros(n, n_coordinates),
             largest_norm: 0.0,
             leaves: Balls::new(n_leaves, n_coordinates),
             groups: Balls::new(n_leaves.div_ceil(LEAVES_PER_GROUP), n_coordinates),
@@ -83,8 +83,9 @@ impl<T: Scalar> BallTree<T> {
     /// Rows that stay where they are.
     pub(crate) fn at_rest(matrix: MatRef<'_, f64>) -> Self {
         let order = neighbours_side_by_side(matrix);
-        let mut tree = Self::new(matrix, order, 1.0, matrix.ncols());
-        tree.rows = tree.functions.clone();
+        let rows = Leaves::from_rows(matrix, &order, 1.0);
+        let mut tree = Self::new(matrix.subcols(0, 0), order, 1.0, matrix.ncols());
+        tree.rows = rows;
         tree.lay_balls(matrix.ncols());
         tree
     }
@@ -106,18 +107,10 @@ impl<T: Scalar> BallTree<T> {
     pub(crate) fn carry(&mut self, map: MatRef<'_, T>, with: CarryBalls) {
         let (n_target, n_source) = map.shape();
         let functions = &self.functions;
-        let batches = self.rows.batches_mut().enumerate();
-        batches.for_each(|(batch, mut rows)| {
-            let out = rows.as_mut().subcols_mut(0, n_target);
+        self.rows.fill_batches(n_target, |batch, out| {
             let phi = functions.batch(batch).subcols(0, n_source);
-            matmul(
-                out,
-                Accum::Replace,
-                phi,
-                map.transpose(),
-                T::of(1.0),
-                Par::Seq,
-            );
+            let map = map.transpose();
+            matmul(out, Accum::Replace, phi, map, T::of(1.0), Par::Seq);
         });
         if with == CarryBalls::Yes {
             self.lay_balls(n_target);
@@ -150,7 +143,7 @@ impl<T: Scalar> BallTree<T> {
 impl<T: Scalar> Balls<T> {
     fn new(count: usize, n_coordinates: usize) -> Self {
         Self {
-            centres: Lanes::zeros(count, n_coordinates),
+            centres: Leaves::zeros(count, n_coordinates),
             radii: vec![0.0; count],
         }
     }
@@ -177,7 +170,7 @@ struct Ball {
 }
 
 /// The ball around a run of rows that begins with a leaf, with room for the rounding of its centre.
-fn ball<T: Scalar>(rows: &Lanes<T>, n_coordinates: usize, run: std::ops::Range<usize>) -> Ball {
+fn ball<T: Scalar>(rows: &Leaves<T>, n_coordinates: usize, run: std::ops::Range<usize>) -> Ball {
     let share = 1.0 / run.len() as f64;
     let leaves = run.start / LANES..run.end.div_ceil(LANES);
     let mut centre = vec![0.0; n_coordinates];

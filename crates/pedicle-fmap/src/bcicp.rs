@@ -94,7 +94,8 @@ pub fn bcicp(
     initial: &FunctionalMap,
     options: &BcicpOptions,
 ) -> Result<Bcicp, FmapError> {
-    bcicp_with_progress(source, target, initial, options, &mut |_| ())
+    // On a thread of the pool: its many small steps need not be handed over to it.
+    rayon::scope(|_| bcicp_with_progress(source, target, initial, options, &mut |_| ()))
 }
 
 /// [`bcicp`] that calls back at every step.
@@ -128,7 +129,10 @@ pub fn bcicp_from_point_maps(
     initial: &PointMapPair,
     options: &BcicpOptions,
 ) -> Result<Bcicp, FmapError> {
-    bcicp_from_point_maps_with_progress(source, target, initial, options, &mut |_| ())
+    // On a thread of the pool: its many small steps need not be handed over to it.
+    rayon::scope(|_| {
+        bcicp_from_point_maps_with_progress(source, target, initial, options, &mut |_| ())
+    })
 }
 
 /// [`bcicp_from_point_maps`] that calls back at every step.

@@ -1,7 +1,8 @@
 //! Eight rows side by side: distances to all of them in one pass over the coordinates.
 //!
 //! ```text
-//! batch b, coordinate j:  (r_32b(j), …, r_32b+31(j)),    a leaf is a quarter of a batch
+//! leaf l, coordinate j:   (r_8l(j), …, r_8l+7(j))           what is measured lies in one piece
+//! batch b, coordinate j:  (r_32b(j), …, r_32b+31(j))        what is multiplied: four leaves
 //! ```
 //!
 //! Σ (q_j - r_j)² is summed as it stands: unlike |q|² - 2 q·r + |r|² it loses no digits where rows
@@ -16,7 +17,7 @@ pub(crate) const LANES: usize = 8;
 /// Rows in a batch, for products to be worth their while.
 pub(crate) const ROWS_PER_BATCH: usize = 32;
 /// Leaves in a batch.
-const LEAVES_PER_BATCH: usize = ROWS_PER_BATCH / LANES;
+pub(crate) const LEAVES_PER_BATCH: usize = ROWS_PER_BATCH / LANES;
 /// Coordinates between two looks at whether the sums are enough; a multiple of `CHAINS`.
 const CHECK_EVERY: usize = 16;
 /// Sums that grow side by side.
@@ -25,20 +26,26 @@ const CHAINS: usize = 4;
 /// One number of each of eight rows.
 pub(crate) type Row<T> = [T; LANES];
 
-/// Rows in batches, each a 32 × dimension matrix stored by columns.
+/// Rows in blocks of some leaves, each a matrix of that many rows × dimension stored by columns.
 ///
 /// Places beyond the last row hold the last row once more, if they hold anything.
 #[derive(Debug, Clone)]
-pub(crate) struct Lanes<T> {
+pub(crate) struct Lanes<T, const LEAVES: usize> {
     values: Vec<Row<T>>,
     n_rows: usize,
     dimension: usize,
 }
 
-impl<T: Scalar> Lanes<T> {
+/// Rows to be measured.
+pub(crate) type Leaves<T> = Lanes<T, 1>;
+/// Rows to be multiplied.
+pub(crate) type Batches<T> = Lanes<T, LEAVES_PER_BATCH>;
+
+impl<T: Scalar, const LEAVES: usize> Lanes<T, LEAVES> {
     pub(crate) fn zeros(n_rows: usize, dimension: usize) -> Self {
         let n_batches = n_rows.div_ceil(ROWS_PER_BATCH);
         Self {
+            // Whole batches in any case.
             values: vec![[T::ZERO; LANES]; n_batches * LEAVES_PER_BATCH * dimension],
             n_rows,
             dimension,
@@ -73,8 +80,8 @@ impl<T: Scalar> Lanes<T> {
 
     /// Place of one coordinate of a leaf.
     fn place(&self, leaf: usize, coordinate: usize) -> usize {
-        let column = leaf / LEAVES_PER_BATCH * self.dimension + coordinate;
-        column * LEAVES_PER_BATCH + leaf % LEAVES_PER_BATCH
+        let column = leaf / LEAVES * self.dimension + coordinate;
+        column * LEAVES + leaf % LEAVES
     }
 
     pub(crate) fn set(&mut self, row: usize, coordinate: usize, value: T) {
@@ -86,31 +93,8 @@ impl<T: Scalar> Lanes<T> {
         self.values[self.place(row / LANES, coordinate)][row % LANES]
     }
 
-    /// A batch, 32 × dimension.
-    pub(crate) fn batch(&self, batch: usize) -> MatRef<'_, T> {
-        let size = LEAVES_PER_BATCH * self.dimension;
-        let values = self.values[batch * size..(batch + 1) * size].as_flattened();
-        MatRef::from_column_major_slice(values, ROWS_PER_BATCH, self.dimension)
-    }
-
-    /// All batches, one slice each.
-    pub(crate) fn batches_mut(
-        &mut self,
-    ) -> impl rayon::iter::IndexedParallelIterator<Item = MatMut<'_, T>> {
-        use rayon::prelude::*;
-        let dimension = self.dimension;
-        let chunks = self.values.par_chunks_mut(LEAVES_PER_BATCH * dimension);
-        chunks.map(move |values| {
-            MatMut::from_column_major_slice_mut(
-                values.as_flattened_mut(),
-                ROWS_PER_BATCH,
-                dimension,
-            )
-        })
-    }
-
     /// Takes the numbers of rows of the same size, times a factor.
-    pub(crate) fn round(&mut self, exact: &Lanes<f64>, factor: f64) {
+    pub(crate) fn round(&mut self, exact: &Lanes<f64, LEAVES>, factor: f64) {
         use rayon::prelude::*;
         debug_assert_eq!(self.values.len(), exact.values.len(), "same size");
         let pairs = self.values.par_iter_mut().zip(&exact.values);
@@ -125,7 +109,44 @@ impl<T: Scalar> Lanes<T> {
     #[inline(always)]
     pub(crate) fn leaf(&self, leaf: usize, count: usize) -> impl Iterator<Item = &Row<T>> {
         let rows = &self.values[self.place(leaf, 0)..];
-        rows.iter().step_by(LEAVES_PER_BATCH).take(count)
+        rows.iter().step_by(LEAVES).take(count)
+    }
+}
+
+impl<T: Scalar> Batches<T> {
+    /// A batch, 32 × dimension.
+    pub(crate) fn batch(&self, batch: usize) -> MatRef<'_, T> {
+        let size = LEAVES_PER_BATCH * self.dimension;
+        let values = self.values[batch * size..(batch + 1) * size].as_flattened();
+        MatRef::from_column_major_slice(values, ROWS_PER_BATCH, self.dimension)
+    }
+}
+
+impl<T: Scalar> Leaves<T> {
+    /// Fills the first `count` coordinates batch by batch: the function is given the number of a
+    /// batch and a 32 × count matrix to write to.
+    pub(crate) fn fill_batches(
+        &mut self,
+        count: usize,
+        batch_of: impl Fn(usize, MatMut<'_, T>) + Sync,
+    ) {
+        use rayon::prelude::*;
+        let dimension = self.dimension;
+        let batches = self.values.par_chunks_mut(LEAVES_PER_BATCH * dimension);
+        let scratch = || vec![[T::ZERO; LANES]; LEAVES_PER_BATCH * count];
+        batches
+            .enumerate()
+            .for_each_init(scratch, |scratch, (batch, leaves)| {
+                let columns = scratch.as_flattened_mut();
+                let columns = MatMut::from_column_major_slice_mut(columns, ROWS_PER_BATCH, count);
+                batch_of(batch, columns);
+                for (i, leaf) in leaves.chunks_mut(dimension).enumerate() {
+                    let from = scratch[i..].iter().step_by(LEAVES_PER_BATCH);
+                    for (to, from) in leaf.iter_mut().zip(from) {
+                        *to = *from;
+                    }
+                }
+            });
     }
 
     /// Squared distances of the rows of a leaf to a query over the query's coordinates.
@@ -134,25 +155,25 @@ impl<T: Scalar> Lanes<T> {
     #[inline(always)]
     pub(crate) fn squared_distances(&self, leaf: usize, query: &[T], enough: f64) -> Row<T> {
         let first = self.place(leaf, 0);
-        let rows = &self.values[first..first + (query.len() - 1) * LEAVES_PER_BATCH + 1];
+        let rows = &self.values[first..first + query.len()];
         // Four sums, so that one addition need not wait for the others.
         let mut sums = [[T::ZERO; LANES]; CHAINS];
-        let rows = rows.chunks(CHECK_EVERY * LEAVES_PER_BATCH);
+        let rows = rows.chunks(CHECK_EVERY);
         for (rows, query) in rows.zip(query.chunks(CHECK_EVERY)) {
             let [mut a, mut b, mut c, mut d] = sums;
             let mut quads = query.chunks_exact(CHAINS);
             let mut place = 0;
             for q in &mut quads {
-                let row = &rows[place..place + 3 * LEAVES_PER_BATCH + 1];
+                let row = &rows[place..place + CHAINS];
                 a = plus_squares(a, row[0], q[0]);
-                b = plus_squares(b, row[LEAVES_PER_BATCH], q[1]);
-                c = plus_squares(c, row[2 * LEAVES_PER_BATCH], q[2]);
-                d = plus_squares(d, row[3 * LEAVES_PER_BATCH], q[3]);
-                place += CHAINS * LEAVES_PER_BATCH;
+                b = plus_squares(b, row[1], q[1]);
+                c = plus_squares(c, row[2], q[2]);
+                d = plus_squares(d, row[3], q[3]);
+                place += CHAINS;
             }
             for q in quads.remainder() {
                 a = plus_squares(a, rows[place], *q);
-                place += LEAVES_PER_BATCH;
+                place += 1;
             }
             sums = [a, b, c, d];
             if smallest_of(&sum_of(&sums)).wide() > enough {

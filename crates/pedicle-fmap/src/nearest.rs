@@ -28,7 +28,7 @@ use crate::{
 /// Queries that are searched for together.
 const QUERIES_PER_BATCH: usize = 32;
 /// Leaves that a query remembers from a whole search.
-const LEAVES_PER_QUERY: usize = 6;
+const LEAVES_PER_QUERY: usize = 4;
 /// They lie within this many times the distance of the nearest row.
 const REMEMBERED_REACH: f64 = 1.5;
 
@@ -304,7 +304,11 @@ impl Best {
         let query = if is_whole { query } else { &[] };
         let norm = query.iter().map(|x| x.wide().powi(2)).sum::<f64>().sqrt();
         // Two distances and a bound are rounded where candidates are asked for, else the bound.
-        let times = if search == Search::Candidates { 3.0 } else { 1.0 };
+        let times = if search == Search::Candidates {
+            3.0
+        } else {
+            1.0
+        };
         Self {
             squared_distance: f64::INFINITY,
             position: 0,

@@ -13,7 +13,7 @@
 use faer::{Accum, Mat, MatRef, Par, linalg::matmul::matmul};
 use rayon::prelude::*;
 
-use crate::lanes::{LANES, Lanes, ROWS_PER_BATCH};
+use crate::lanes::{Batches, LANES, ROWS_PER_BATCH};
 
 /// Vertices in a run: two matrices of this many columns stay inside a cache.
 const VERTICES_PER_RUN: usize = 128;
@@ -24,7 +24,7 @@ const BATCHES_PER_RUN: usize = 16;
 #[derive(Clone, Copy)]
 pub(crate) struct Between<'a> {
     /// Φ_source by position.
-    pub(crate) source: &'a Lanes<f64>,
+    pub(crate) source: &'a Batches<f64>,
     /// Φ_targetᵀ by position.
     pub(crate) target: MatRef<'a, f64>,
     /// Areas of the target by position.

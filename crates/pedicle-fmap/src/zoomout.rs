@@ -70,7 +70,8 @@ pub fn zoomout(
     map: &FunctionalMap,
     options: &ZoomOutOptions,
 ) -> Result<Refined, FmapError> {
-    zoomout_with_progress(source, target, map, options, &mut |_| {})
+    // On a thread of the pool: its many small steps need not be handed over to it.
+    rayon::scope(|_| zoomout_with_progress(source, target, map, options, &mut |_| {}))
 }
 
 /// [`zoomout`] that calls back once an entry of its report.
@@ -139,7 +140,8 @@ pub fn spectral_icp(
     map: &FunctionalMap,
     n_rounds: usize,
 ) -> Result<Refined, FmapError> {
-    spectral_icp_with_progress(source, target, map, n_rounds, &mut |_| {})
+    // On a thread of the pool: its many small steps need not be handed over to it.
+    rayon::scope(|_| spectral_icp_with_progress(source, target, map, n_rounds, &mut |_| {}))
 }
 
 /// [`spectral_icp`] that calls back once an entry of its report.

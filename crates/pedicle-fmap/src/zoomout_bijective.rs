@@ -74,7 +74,8 @@ pub fn zoomout_bijective(
     map: &FunctionalMap,
     options: &BijectiveZoomOutOptions,
 ) -> Result<RefinedPair, FmapError> {
-    zoomout_bijective_with_progress(source, target, map, options, &mut |_| ())
+    // On a thread of the pool: its many small steps need not be handed over to it.
+    rayon::scope(|_| zoomout_bijective_with_progress(source, target, map, options, &mut |_| ()))
 }
 
 /// [`zoomout_bijective`] that calls back at every step.

@@ -91,7 +91,8 @@ pub fn zoomout_subsampled(
     map: &FunctionalMap,
     options: &SubsampledZoomOutOptions,
 ) -> Result<SubsampledZoomOut, FmapError> {
-    zoomout_subsampled_with_progress(source, target, map, options, &mut |_| ())
+    // On a thread of the pool: its many small steps need not be handed over to it.
+    rayon::scope(|_| zoomout_subsampled_with_progress(source, target, map, options, &mut |_| ()))
 }
 
 /// [`zoomout_subsampled`] that calls back at every step.

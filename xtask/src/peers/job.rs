@@ -66,11 +66,24 @@ pub(crate) struct Outcome {
 }
 
 impl Job {
-    /// The part of the chain that counts as the whole pair, and its name.
-    pub(crate) const WHOLE: (&str, [&str; 5]) = (
-        "whole pair",
-        [OPERATORS, EIGENPAIRS, DESCRIPTORS, FIT, "ZoomOut step 1"],
-    );
+    /// The parts of the chain that count as the whole pair, with the peer's fit and with ours, and
+    /// their names.
+    pub(crate) const WHOLE: [(&str, [&str; 5]); 2] = [
+        (
+            "whole pair",
+            [OPERATORS, EIGENPAIRS, DESCRIPTORS, FIT, "ZoomOut step 1"],
+        ),
+        (
+            "whole pair, operators of 10 descriptors",
+            [
+                OPERATORS,
+                EIGENPAIRS,
+                DESCRIPTORS,
+                FIT_BY_DEFAULT,
+                "ZoomOut step 1",
+            ],
+        ),
+    ];
 }
 
 /// Names of the stages, as the driver has them too.

@@ -170,7 +170,7 @@ fn times(series: &Series) -> Table {
     let ours = stages_of(series, Program::Pedicle);
     let pyfmaps = stages_of(series, Program::Pyfmaps);
     let scipy = stages_of(series, Program::Scipy);
-    let whole = Job::WHOLE.0;
+    let [(whole, _), (whole_by_default, _)] = Job::WHOLE;
     let names = [
         OPERATORS,
         EIGENPAIRS,
@@ -188,6 +188,10 @@ fn times(series: &Series) -> Table {
             // The peer has no such choice: held against its fit.
             let by_default = ours.get(FIT_BY_DEFAULT);
             add_row(&mut table, FIT_BY_DEFAULT, (by_default, pyfmaps.get(FIT)));
+        }
+        if name == whole {
+            let pair = (ours.get(whole_by_default), pyfmaps.get(whole));
+            add_row(&mut table, whole_by_default, pair);
         }
     }
     add_row(
@@ -232,7 +236,8 @@ fn add_row(table: &mut Table, name: &str, (ours, peer): (Option<&Middle>, Option
 fn stages_of(series: &Series, program: Program) -> BTreeMap<String, Middle> {
     let mut found: BTreeMap<String, Vec<Stage>> = BTreeMap::new();
     for run in series.runs.get(&program).map_or(&[][..], Vec::as_slice) {
-        for stage in run.stages.iter().cloned().chain(whole_pair(run)) {
+        let whole = Job::WHOLE.iter().filter_map(|whole| whole_pair(run, whole));
+        for stage in run.stages.iter().cloned().chain(whole) {
             found.entry(stage.name.clone()).or_default().push(stage);
         }
     }
@@ -252,15 +257,14 @@ fn stages_of(series: &Series, program: Program) -> BTreeMap<String, Middle> {
         .collect()
 }
 
-/// The stages that make the whole pair, added up.
-fn whole_pair(run: &Run) -> Option<Stage> {
-    let (name, parts) = Job::WHOLE;
+/// The stages that make a whole pair, added up.
+fn whole_pair(run: &Run, (name, parts): &(&str, [&str; 5])) -> Option<Stage> {
     let stages = parts
         .iter()
         .map(|part| run.stages.iter().find(|stage| stage.name == *part))
         .collect::<Option<Vec<_>>>()?;
     Some(Stage {
-        name: name.to_owned(),
+        name: (*name).to_owned(),
         seconds: stages.iter().map(|s| s.seconds).sum(),
         cpu_seconds: stages.iter().map(|s| s.cpu_seconds).sum(),
         peak_mib: stages.iter().map(|s| s.peak_mib).fold(0.0, f64::max),
