@@ -7,8 +7,8 @@ use clap::Args;
 use crate::{XtaskError, complain, fixture, say, workspace_root};
 
 /// Run what .ci/run runs: format, lints, tests, documentation, other people's readers on our files, a
-/// reduced benchmark on the phantom and, where they are, on the real spines, the links of the
-/// book, and the reports in a browser.
+/// reduced benchmark on the phantom and, where they are, on the real spines, the links and commands
+/// of the book, and the reports in a browser.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
     /// Folder with the real spines, ../shared/data beside the checkout by default; skipped, with
@@ -65,11 +65,7 @@ impl Arguments {
             command.extend([DRAWS.to_owned(), "--spine".to_owned(), spine.clone()]);
             steps.push(("benchmark", command, None));
         }
-        steps.push((
-            "book and READMEs",
-            words("cargo xtask check-docs --links-only"),
-            None,
-        ));
+        steps.push(("book and READMEs", words("cargo xtask check-docs"), None));
         steps.push(("reports", words("cargo xtask check-reports"), None));
         for (what, command, rustdocflags) in steps {
             if !step(what, &command, rustdocflags)? {
@@ -93,9 +89,14 @@ fn step(what: &str, words: &[String], rustdocflags: Option<&str>) -> Result<bool
     if let Some(flags) = rustdocflags {
         command.env("RUSTDOCFLAGS", flags);
     }
+    let start = std::time::Instant::now();
     let status = command.status().map_err(|source| XtaskError::Command {
         command: words.join(" "),
         source,
     })?;
+    say(&format!(
+        "--- {what}: {:.0} s",
+        start.elapsed().as_secs_f64()
+    ));
     Ok(status.success())
 }

@@ -1,7 +1,7 @@
 //! Parts of vertebrae and spines against the whole: which size and mask of C serves best?
 //!
 //! ```text
-//! cargo run --release -p pedicle-fmap --example partial_maps
+//! cargo run --release --example partial_maps
 //! ```
 //!
 //! The target is simplified to another number of vertices than the source, cut by planes tilted by

@@ -1,7 +1,7 @@
 //! Maps of vertices against maps into triangles: error and time, from coarse to fine sources.
 //!
 //! ```text
-//! cargo run --release -p pedicle-fmap --example precise_maps
+//! cargo run --release --example precise_maps
 //! ```
 //!
 //! Two triangulations of the phantom's spine, the true map between them as the nearest point, its

@@ -1,6 +1,6 @@
 //! Refinements side by side on two poses of an animal, meshed independently: quality and time.
 //!
-//! `cargo run --release -p pedicle-fmap --example refinements [-- N_VERTICES]`
+//! `cargo run --release --example refinements [-- N_VERTICES]`
 
 #![allow(
     clippy::print_stdout,

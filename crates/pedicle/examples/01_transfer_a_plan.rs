@@ -1,6 +1,6 @@
 //! From a plan on a CT spine to a plan on what a sensor sees, with a verdict for every vertebra.
 //!
-//! `cargo run --release -p pedicle --example 01_transfer_a_plan`
+//! `cargo run --release --example 01_transfer_a_plan`
 
 #![allow(clippy::print_stdout, reason = "an example prints what it finds")]
 

@@ -1,6 +1,6 @@
 //! One screw against the bone around it: clearance, breach, grade.
 //!
-//! `cargo run --release -p pedicle --example 02_check_a_screw`
+//! `cargo run --release --example 02_check_a_screw`
 
 #![allow(clippy::print_stdout, reason = "an example prints what it finds")]
 

@@ -1,6 +1,6 @@
 //! A functional map between two shapes, and a page that shows it.
 //!
-//! `cargo run --release -p pedicle --example 03_map_two_shapes -- [A] [B] [PAGE.html]`
+//! `cargo run --release --example 03_map_two_shapes -- [A] [B] [PAGE.html]`
 
 #![allow(clippy::print_stdout, reason = "an example prints what it finds")]
 

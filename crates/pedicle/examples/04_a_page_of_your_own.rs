@@ -1,6 +1,6 @@
 //! A page with a table and a figure, made from the parts of `pedicle-report`.
 //!
-//! `cargo run --release -p pedicle --example 04_a_page_of_your_own -- [PAGE.html]`
+//! `cargo run --release --example 04_a_page_of_your_own -- [PAGE.html]`
 
 #![allow(clippy::print_stdout, reason = "an example prints what it finds")]
 

@@ -1,6 +1,6 @@
 //! Follows a moving phantom through simulated frames and prints errors and milliseconds a frame.
 //!
-//! `cargo run --release -p pedicle-spine --example follow_frames -- [POINTS] [NOISE_MM] [FRAMES]`
+//! `cargo run --release --example follow_frames -- [POINTS] [NOISE_MM] [FRAMES]`
 
 #![allow(
     clippy::print_stdout,
