@@ -367,7 +367,7 @@ def rate(page):
 # Whether slow pages are failures: they are told in any case, but a busy machine makes any page slow.
 HOLD_TIMES = "--times" in sys.argv
 # Pages of the same kind as another one: only what differs is looked at.
-ALIKE = ("transfer.html", "rejected.html", "check.html")
+ALIKE = ("transfer.html", "rejected.html", "check.html", "plan.html")
 
 
 def check_page(driver, path, address, axe):
