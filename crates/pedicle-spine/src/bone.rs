@@ -14,12 +14,13 @@ use pedicle_mesh::TriMesh;
 use pedicle_registration::{ReferenceSurface, SurfaceHit};
 
 use crate::SpineError;
+use crate::nearest_cells::NearestCells;
 
-/// A triangle surface with a k-d tree over its vertices.
+/// A triangle surface with cells that know a vertex nearby, and a k-d tree for points far away.
 ///
-/// The closest point is searched on the triangles around the nearest vertex: nearly always exact
-/// where triangles are of even size, as on surfaces from a CT (tested against all triangles), and
-/// never farther than that vertex.
+/// The closest point is searched on the triangles around the vertex that a walk from vertex to
+/// neighbouring vertex ends at: nearly always exact where triangles are of even size, as on surfaces
+/// from a CT (tested against all triangles), and never farther than that vertex.
 #[derive(Debug)]
 pub(crate) struct BoneSurface {
     vertices: Vec<Point3<f64>>,
@@ -28,6 +29,9 @@ pub(crate) struct BoneSurface {
     faces_start: Vec<u32>,
     faces_of_vertex: Vec<u32>,
     tree: ImmutableKdTree<f64, 3>,
+    cells: NearestCells,
+    neighbours_start: Vec<u32>,
+    neighbours: Vec<u32>,
     centroid: Point3<f64>,
     radius_mm: f64,
 }
@@ -58,6 +62,7 @@ impl BoneSurface {
             ImmutableKdTree::new_from_slice(&coordinates).map_err(|e| SpineError::Index {
                 reason: format!("{e:?}"),
             })?;
+        let (neighbours_start, neighbours) = neighbours(mesh);
         let centroid = mesh.centroid();
         let radius_mm = mesh
             .vertices()
@@ -71,6 +76,9 @@ impl BoneSurface {
             faces_start,
             faces_of_vertex,
             tree,
+            cells: NearestCells::new(mesh.vertices()),
+            neighbours_start,
+            neighbours,
             centroid,
             radius_mm,
         })
@@ -84,6 +92,28 @@ impl BoneSurface {
     /// Largest distance of a vertex from the centroid.
     pub(crate) fn radius_mm(&self) -> f64 {
         self.radius_mm
+    }
+
+    /// A vertex that is nearer to a point than all its neighbours.
+    fn vertex_by_walk(&self, point: &Point3<f64>) -> u32 {
+        let Some(mut vertex) = self.cells.vertex_near(point) else {
+            return self.nearest_vertex(point);
+        };
+        let mut least = (self.vertices[vertex as usize] - point).norm_squared();
+        loop {
+            let at = vertex as usize;
+            let range = self.neighbours_start[at] as usize..self.neighbours_start[at + 1] as usize;
+            let mut is_nearest = true;
+            for &other in &self.neighbours[range] {
+                let squared = (self.vertices[other as usize] - point).norm_squared();
+                if squared < least {
+                    (vertex, least, is_nearest) = (other, squared, false);
+                }
+            }
+            if is_nearest {
+                return vertex;
+            }
+        }
     }
 
     /// Index of the vertex nearest to a point.
@@ -137,13 +167,28 @@ impl BoneSurface {
     }
 }
 
+/// The vertices that share an edge with each, as ranges of one list.
+fn neighbours(mesh: &TriMesh) -> (Vec<u32>, Vec<u32>) {
+    let mut edges: Vec<(u32, u32)> = mesh
+        .faces()
+        .iter()
+        .flat_map(|&[a, b, c]| [(a, b), (b, a), (b, c), (c, b), (c, a), (a, c)])
+        .collect();
+    edges.sort_unstable();
+    edges.dedup();
+    let start = (0..=mesh.n_vertices() as u32)
+        .map(|v| edges.partition_point(|&(from, _)| from < v) as u32)
+        .collect();
+    (start, edges.into_iter().map(|(_, to)| to).collect())
+}
+
 fn f64_max(a: f64, b: f64) -> f64 {
     if b > a { b } else { a }
 }
 
 impl ReferenceSurface for BoneSurface {
     fn closest(&self, point: &Point3<f64>) -> SurfaceHit {
-        let (squared, q, normal) = self.closest_around(self.nearest_vertex(point), point);
+        let (squared, q, normal) = self.closest_around(self.vertex_by_walk(point), point);
         let normal = normal
             .try_normalize(f64::MIN_POSITIVE)
             .unwrap_or_else(Vector3::z);
