@@ -53,8 +53,10 @@ const MAX_NOISE_RATIO: f64 = 1.35;
 /// And at least this much, mm: without noise the ratio means nothing.
 const MIN_NOISE_EXCESS_MM: f64 = 0.15;
 
+/// Right poses fit to 0.8 to 1.1 of the noise of the sensor, wrong ones among tissue to 1.05 and more.
+const MAX_SENSOR_RATIO: f64 = 1.15;
 /// What the steps of the sensor add to its noise, mm.
-const SENSOR_FLOOR_MM: f64 = 0.05;
+const SENSOR_FLOOR_MM: f64 = 0.03;
 
 /// Every reason not to accept.
 pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<Rejection> {
@@ -170,16 +172,19 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
     let misfit = evidence.misfit;
     if let Some(sensor_mm) = evidence.sensor_noise_mm {
         demand(
-            evidence.noise_mm <= MAX_NOISE_RATIO * sensor_mm + SENSOR_FLOOR_MM,
+            evidence.noise_mm <= MAX_SENSOR_RATIO * sensor_mm + SENSOR_FLOOR_MM,
             Rejection::NoisierThanSensor {
                 noise_mm: evidence.noise_mm,
                 sensor_mm,
             },
         );
     }
+    let max_misfit_mm = match evidence.sensor_noise_mm {
+        Some(_) => options.max_misfit_of_sensor_mm,
+        None => options.max_misfit_mm,
+    };
     demand(
-        misfit.beyond_noise_mm2(options.misfit_in_sigma)
-            <= options.max_misfit_mm * options.max_misfit_mm,
+        misfit.beyond_noise_mm2(options.misfit_in_sigma) <= max_misfit_mm * max_misfit_mm,
         Rejection::ShapeDiffers {
             misfit_mm: misfit.depth_mm(),
             patch_mm: PATCH_MM,

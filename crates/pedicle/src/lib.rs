@@ -1,6 +1,7 @@
 //! Files and commands of `pedicle`: what the command line does, as a library.
 //!
 //! - [`read_spine`], [`landmarks_from_shape`], [`plan_from_shape`]: a spine from files
+//! - [`read_cloud`]: points as text
 //! - [`TransferFile`], [`write_json`]: the result of a transfer as JSON
 //! - [`shape`]: spectra of any mesh and maps between any two
 //! - [`write_text`]: any text, whole or not at all
@@ -16,12 +17,14 @@
 //!
 //! Lengths are millimetres. Research software, not a medical device.
 
+mod cloud_file;
 pub mod commands;
 mod error;
 mod result_file;
 pub mod shape;
 mod spine_files;
 
+pub use cloud_file::{is_cloud_file, read_cloud};
 pub use error::Error;
 pub use result_file::{
     COVARIANCE_ORDER, TargetChangesEntry, TrajectoryEntry, TransferFile, UncertaintyEntry,

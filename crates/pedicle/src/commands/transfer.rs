@@ -13,7 +13,7 @@ use pedicle_spine::{
 use pedicle_trajectory::{Landmarks, read_landmarks, read_plan};
 
 use super::{exit_code, progress::progress_bar, say, table::transfer_tables};
-use crate::{Error, TransferFile, read_spine, write_json};
+use crate::{Error, TransferFile, is_cloud_file, read_cloud, read_spine, write_json};
 
 /// Carry a plan to a target surface.
 #[derive(Debug, Args)]
@@ -24,8 +24,9 @@ pub(super) struct Arguments {
     /// Planned trajectories in the frame of the source, .ron or .json.
     #[arg(long, value_name = "PLAN")]
     plan: PathBuf,
-    /// Target surface, one unlabelled mesh in millimetres: PLY, STL, OBJ or OFF.
-    #[arg(long, value_name = "MESH")]
+    /// Target surface in millimetres: one unlabelled mesh, PLY, STL, OBJ or OFF, or a point cloud as
+    /// text, x y z a line: .xyz, .csv, .txt or .pts.
+    #[arg(long, value_name = "FILE")]
     target: PathBuf,
     /// Top of each spinous process in the frame of the source, .ron or .json.
     #[arg(long, value_name = "FILE")]
@@ -76,7 +77,11 @@ impl Arguments {
             Some(file) => read_landmarks(file)?,
             None => Landmarks::default(),
         };
-        let mut target = Target::mesh(read_mesh(&self.target)?.mesh, target_landmarks);
+        let mut target = if is_cloud_file(&self.target) {
+            Target::cloud(read_cloud(&self.target)?, target_landmarks)
+        } else {
+            Target::mesh(read_mesh(&self.target)?.mesh, target_landmarks)
+        };
         target.view = self.camera.map(|camera_mm| SensorView { camera_mm });
         bar.inc(1);
 
