@@ -22,8 +22,6 @@ pub(crate) struct Evidence {
     pub(crate) level_margin: f64,
     /// Whether the names of the landmarks agree with the levels found.
     pub(crate) landmarks_support_levels: bool,
-    /// Whether its landmark lies elsewhere by a mistake in the names that is understood.
-    pub(crate) is_misnamed: bool,
     pub(crate) alternative_margin: f64,
     /// None without a landmark.
     pub(crate) landmark_distance_mm: Option<f64>,
@@ -205,10 +203,8 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
         },
     );
     if let Some(distance_mm) = evidence.landmark_distance_mm {
-        // Names that contradict the pose have to be outweighed by the shape alone.
-        let is_excused = evidence.is_misnamed && evidence.level_margin >= options.min_level_margin;
         demand(
-            is_excused || distance_mm <= options.max_landmark_distance_mm,
+            distance_mm <= options.max_landmark_distance_mm,
             Rejection::FarFromLandmark {
                 distance_mm,
                 max_mm: options.max_landmark_distance_mm,
@@ -296,7 +292,6 @@ mod tests {
             unexplained_share: 0.01,
             level_margin: 0.5,
             landmarks_support_levels: true,
-            is_misnamed: false,
             alternative_margin: 0.4,
             landmark_distance_mm: Some(4.0),
             misfit: NOISE_ONLY,
@@ -361,21 +356,18 @@ mod tests {
     #[test]
     fn landmarks_lend_the_levels_support_and_never_outweigh_the_shape() {
         let options = VerdictOptions::default();
-        let judged = |margin: f64, supported: bool, misnamed: bool| {
+        let judged = |margin: f64, supported: bool| {
             let evidence = Evidence {
                 level_margin: margin,
                 landmarks_support_levels: supported,
-                is_misnamed: misnamed,
-                landmark_distance_mm: Some(if misnamed { 35.0 } else { 4.0 }),
                 ..good()
             };
             rejections(&evidence, &options).len()
         };
-        assert_eq!(judged(0.05, true, false), 0, "shape and names agree");
-        assert_eq!(judged(0.05, false, false), 1, "the shape alone is not sure");
-        assert_eq!(judged(0.01, true, false), 1, "names alone are not enough");
-        assert_eq!(judged(0.2, false, true), 0, "the shape knows better");
-        assert_eq!(judged(0.1, true, true), 1, "it does not");
+        assert_eq!(judged(0.05, true), 0, "shape and names agree");
+        assert_eq!(judged(0.05, false), 1, "the shape alone is not sure");
+        assert_eq!(judged(0.01, true), 1, "names alone are not enough");
+        assert_eq!(judged(0.2, false), 0, "the shape is sure");
     }
 
     #[test]
