@@ -29,7 +29,8 @@ pub(crate) struct BoneSurface {
     faces_start: Vec<u32>,
     faces_of_vertex: Vec<u32>,
     tree: ImmutableKdTree<f64, 3>,
-    cells: NearestCells,
+    /// None of a coarse surface: there the tree is as fast.
+    cells: Option<NearestCells>,
     neighbours_start: Vec<u32>,
     neighbours: Vec<u32>,
     centroid: Point3<f64>,
@@ -76,7 +77,7 @@ impl BoneSurface {
             faces_start,
             faces_of_vertex,
             tree,
-            cells: NearestCells::new(mesh.vertices()),
+            cells: (spacing_mm(mesh) <= WALK_REACH_MM).then(|| NearestCells::new(mesh.vertices())),
             neighbours_start,
             neighbours,
             centroid,
@@ -94,9 +95,13 @@ impl BoneSurface {
         self.radius_mm
     }
 
-    /// A vertex that is nearer to a point than all its neighbours.
+    /// The vertex nearest to a point: by a walk to ever nearer neighbours where that ends close by.
     fn vertex_by_walk(&self, point: &Point3<f64>) -> u32 {
-        let Some(mut vertex) = self.cells.vertex_near(point) else {
+        let near = self
+            .cells
+            .as_ref()
+            .and_then(|cells| cells.vertex_near(point));
+        let Some(mut vertex) = near else {
             return self.nearest_vertex(point);
         };
         let mut least = (self.vertices[vertex as usize] - point).norm_squared();
@@ -111,7 +116,12 @@ impl BoneSurface {
                 }
             }
             if is_nearest {
-                return vertex;
+                // Farther away the walk may have ended on the other side of a thin bone.
+                return if least <= WALK_REACH_MM * WALK_REACH_MM {
+                    vertex
+                } else {
+                    self.nearest_vertex(point)
+                };
             }
         }
     }
@@ -165,6 +175,14 @@ impl BoneSurface {
         }
         best
     }
+}
+
+/// A walk that ends farther away than this is not trusted, mm: thin bone is twice as thick.
+const WALK_REACH_MM: f64 = 1.5;
+
+/// Edge of a square that each vertex would have for itself, mm.
+fn spacing_mm(mesh: &TriMesh) -> f64 {
+    (mesh.area() / mesh.n_vertices() as f64).sqrt()
 }
 
 /// The vertices that share an edge with each, as ranges of one list.

@@ -122,7 +122,6 @@ impl Conclusion<'_> {
             unexplained_share: self.fit.unexplained_share,
             level_margin: self.found.level_margin,
             landmarks_support_levels: names.supports_levels,
-            is_misnamed: names.is_misnamed[v],
             alternative_margin: self.found.alternative_margins[v],
             hidden_share: fit.hidden_share,
             landmark_distance_mm: self.landmarks[v]

@@ -95,6 +95,8 @@ pub struct VerdictOptions {
     /// Deepest bumps by which the shape may differ from the plan's beyond what noise does, mm.
     /// Default 0.2.
     pub max_misfit_mm: f64,
+    /// The same where the noise of the sensor is known from dense points. Default 0.15.
+    pub max_misfit_of_sensor_mm: f64,
     /// Standard deviations of what noise alone would feign that are taken off the misfit before it
     /// is judged. Default 3.
     pub misfit_in_sigma: f64,
@@ -219,6 +221,7 @@ impl Default for VerdictOptions {
             max_neighbour_turn_rad: 0.52,
             max_landmark_distance_mm: 15.0,
             max_misfit_mm: 0.2,
+            max_misfit_of_sensor_mm: 0.15,
             max_breach_probability: 0.005,
             misfit_in_sigma: 3.0,
             pooled_misfit_in_sigma: 1.2,
