@@ -7,8 +7,8 @@ use clap::Args;
 use crate::{XtaskError, complain, fixture, say, workspace_root};
 
 /// Run what .ci/run runs: format, lints, tests, documentation, other people's readers on our files, a
-/// reduced benchmark on the phantom and, where they are, on the real spines, the links and commands
-/// of the book, and the reports in a browser.
+/// reduced benchmark of the published suite on the phantom and, where they are, on the real spines, one
+/// of every suite on the phantom, the links and commands of the book, and the reports in a browser.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
     /// Folder with the real spines, ../shared/data beside the checkout by default; skipped, with
@@ -65,6 +65,11 @@ impl Arguments {
             command.extend([DRAWS.to_owned(), "--spine".to_owned(), spine.clone()]);
             steps.push(("benchmark", command, None));
         }
+        steps.push((
+            "benchmark",
+            words("cargo xtask bench-scenarios --suite all --draws 1"),
+            None,
+        ));
         steps.push(("book and READMEs", words("cargo xtask check-docs"), None));
         steps.push(("reports", words("cargo xtask check-reports"), None));
         for (what, command, rustdocflags) in steps {

@@ -57,6 +57,14 @@ pub(crate) enum XtaskError {
         /// Why.
         source: std::io::Error,
     },
+    /// Figures of a run could not be summed up.
+    #[error("{}: {message}", path.display())]
+    Total {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        message: String,
+    },
     /// The gates are not as they should be.
     #[error("{}: {message}", path.display())]
     Gates {

@@ -34,6 +34,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     BenchScenarios(bench::Arguments),
+    BenchTotal(bench::total::Arguments),
     BenchPeers(peers::Arguments),
     BenchRegistration(registration::Arguments),
     BenchAnatomy(anatomy::Arguments),
@@ -55,6 +56,7 @@ enum Command {
 fn main() -> ExitCode {
     let outcome = match Cli::parse().command {
         Command::BenchScenarios(arguments) => arguments.run(),
+        Command::BenchTotal(arguments) => arguments.run(),
         Command::BenchPeers(arguments) => arguments.run(),
         Command::BenchRegistration(arguments) => arguments.run(),
         Command::BenchAnatomy(arguments) => arguments.run(),

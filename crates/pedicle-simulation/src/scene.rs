@@ -134,6 +134,7 @@ pub(crate) enum Material {
 pub(crate) struct Scene<'a> {
     case: &'a SpineCase,
     bends: &'a [Isometry3<f64>],
+    centroids: Vec<Point3<f64>>,
     index: SurfaceIndex,
     /// The first face behind each vertebra's.
     ends: Vec<usize>,
@@ -160,9 +161,11 @@ impl<'a> Scene<'a> {
             })
             .collect();
         let all: Vec<&TriMesh> = bones.iter().chain(soft_tissue).collect();
+        let centroids = case.vertebrae().iter().map(|v| v.mesh.centroid()).collect();
         Ok(Self {
             case,
             bends,
+            centroids,
             index: SurfaceIndex::new(&concatenate(&all)?)?,
             ends,
         })
@@ -181,8 +184,8 @@ impl<'a> Scene<'a> {
             Material::SoftTissue
         } else {
             let p = self.bends[vertebra].inverse_transform_point(&hit.point);
-            let centroid = self.case.vertebrae()[vertebra].mesh.centroid();
-            if is_posterior(&p, &centroid, &self.case.axes()[vertebra]) {
+            let centroid = &self.centroids[vertebra];
+            if is_posterior(&p, centroid, &self.case.axes()[vertebra]) {
                 Material::Bone(vertebra)
             } else {
                 Material::DeepBone

@@ -14,12 +14,13 @@ use pedicle_mesh::TriMesh;
 use pedicle_registration::{ReferenceSurface, SurfaceHit};
 
 use crate::SpineError;
+use crate::nearest_cells::NearestCells;
 
-/// A triangle surface with a k-d tree over its vertices.
+/// A triangle surface with cells that know a vertex nearby, and a k-d tree for points far away.
 ///
-/// The closest point is searched on the triangles around the nearest vertex: nearly always exact
-/// where triangles are of even size, as on surfaces from a CT (tested against all triangles), and
-/// never farther than that vertex.
+/// The closest point is searched on the triangles around the vertex that a walk from vertex to
+/// neighbouring vertex ends at: nearly always exact where triangles are of even size, as on surfaces
+/// from a CT (tested against all triangles), and never farther than that vertex.
 #[derive(Debug)]
 pub(crate) struct BoneSurface {
     vertices: Vec<Point3<f64>>,
@@ -28,6 +29,10 @@ pub(crate) struct BoneSurface {
     faces_start: Vec<u32>,
     faces_of_vertex: Vec<u32>,
     tree: ImmutableKdTree<f64, 3>,
+    /// None of a coarse surface: there the tree is as fast.
+    cells: Option<NearestCells>,
+    neighbours_start: Vec<u32>,
+    neighbours: Vec<u32>,
     centroid: Point3<f64>,
     radius_mm: f64,
 }
@@ -58,6 +63,7 @@ impl BoneSurface {
             ImmutableKdTree::new_from_slice(&coordinates).map_err(|e| SpineError::Index {
                 reason: format!("{e:?}"),
             })?;
+        let (neighbours_start, neighbours) = neighbours(mesh);
         let centroid = mesh.centroid();
         let radius_mm = mesh
             .vertices()
@@ -71,6 +77,9 @@ impl BoneSurface {
             faces_start,
             faces_of_vertex,
             tree,
+            cells: (spacing_mm(mesh) <= WALK_REACH_MM).then(|| NearestCells::new(mesh.vertices())),
+            neighbours_start,
+            neighbours,
             centroid,
             radius_mm,
         })
@@ -84,6 +93,37 @@ impl BoneSurface {
     /// Largest distance of a vertex from the centroid.
     pub(crate) fn radius_mm(&self) -> f64 {
         self.radius_mm
+    }
+
+    /// The vertex nearest to a point: by a walk to ever nearer neighbours where that ends close by.
+    fn vertex_by_walk(&self, point: &Point3<f64>) -> u32 {
+        let near = self
+            .cells
+            .as_ref()
+            .and_then(|cells| cells.vertex_near(point));
+        let Some(mut vertex) = near else {
+            return self.nearest_vertex(point);
+        };
+        let mut least = (self.vertices[vertex as usize] - point).norm_squared();
+        loop {
+            let at = vertex as usize;
+            let range = self.neighbours_start[at] as usize..self.neighbours_start[at + 1] as usize;
+            let mut is_nearest = true;
+            for &other in &self.neighbours[range] {
+                let squared = (self.vertices[other as usize] - point).norm_squared();
+                if squared < least {
+                    (vertex, least, is_nearest) = (other, squared, false);
+                }
+            }
+            if is_nearest {
+                // Farther away the walk may have ended on the other side of a thin bone.
+                return if least <= WALK_REACH_MM * WALK_REACH_MM {
+                    vertex
+                } else {
+                    self.nearest_vertex(point)
+                };
+            }
+        }
     }
 
     /// Index of the vertex nearest to a point.
@@ -137,13 +177,36 @@ impl BoneSurface {
     }
 }
 
+/// A walk that ends farther away than this is not trusted, mm: thin bone is twice as thick.
+const WALK_REACH_MM: f64 = 1.5;
+
+/// Edge of a square that each vertex would have for itself, mm.
+fn spacing_mm(mesh: &TriMesh) -> f64 {
+    (mesh.area() / mesh.n_vertices() as f64).sqrt()
+}
+
+/// The vertices that share an edge with each, as ranges of one list.
+fn neighbours(mesh: &TriMesh) -> (Vec<u32>, Vec<u32>) {
+    let mut edges: Vec<(u32, u32)> = mesh
+        .faces()
+        .iter()
+        .flat_map(|&[a, b, c]| [(a, b), (b, a), (b, c), (c, b), (c, a), (a, c)])
+        .collect();
+    edges.sort_unstable();
+    edges.dedup();
+    let start = (0..=mesh.n_vertices() as u32)
+        .map(|v| edges.partition_point(|&(from, _)| from < v) as u32)
+        .collect();
+    (start, edges.into_iter().map(|(_, to)| to).collect())
+}
+
 fn f64_max(a: f64, b: f64) -> f64 {
     if b > a { b } else { a }
 }
 
 impl ReferenceSurface for BoneSurface {
     fn closest(&self, point: &Point3<f64>) -> SurfaceHit {
-        let (squared, q, normal) = self.closest_around(self.nearest_vertex(point), point);
+        let (squared, q, normal) = self.closest_around(self.vertex_by_walk(point), point);
         let normal = normal
             .try_normalize(f64::MIN_POSITIVE)
             .unwrap_or_else(Vector3::z);

@@ -2,13 +2,17 @@
 
 use nalgebra::{Isometry3, Point3};
 use pedicle_registration::PoseCovariance;
-use pedicle_trajectory::{Plan, Trajectory};
+use pedicle_trajectory::Plan;
+use rayon::prelude::*;
 
 use crate::finish::SpineFit;
+use crate::landmark_evidence::{LandmarkEvidence, Tip, landmark_evidence};
+use crate::misfit::Misfit;
 use crate::model::SpineModel;
+use crate::rejection::Rejection;
 use crate::search::Found;
 use crate::uncertainty::{uncertainty, worst_of_pose};
-use crate::verdict::{Deviations, Evidence, chain_rejections, rejections};
+use crate::verdict::{Deviations, Evidence, chain_rejections, pooled_rejection, rejections};
 use crate::{TrajectoryUncertainty, TransferredTrajectory, VerdictOptions, VertebraTransfer};
 
 /// All that the verdicts rest on.
@@ -22,9 +26,25 @@ pub(crate) struct Conclusion<'a> {
 
 impl Conclusion<'_> {
     /// The results with their verdicts.
-    pub(crate) fn vertebrae(&self, options: &VerdictOptions) -> Vec<VertebraTransfer> {
+    pub(crate) fn vertebrae(
+        &self,
+        options: &VerdictOptions,
+        uncertainties: &[Option<TrajectoryUncertainty>],
+    ) -> Vec<VertebraTransfer> {
+        let tips: Vec<Tip> = self
+            .fit
+            .fits
+            .iter()
+            .zip(&self.model.vertebrae)
+            .zip(self.landmarks)
+            .map(|((fit, vertebra), landmark)| {
+                let pose = fit.refinement.as_ref().map(|_| &fit.target_from_source);
+                Tip::new(pose, &vertebra.landmark, *landmark)
+            })
+            .collect();
+        let names = landmark_evidence(&tips, options.max_landmark_distance_mm);
         let mut vertebrae: Vec<VertebraTransfer> = (0..self.fit.fits.len())
-            .map(|v| self.judged_alone(v, options))
+            .map(|v| self.judged_alone(v, &names, (options, uncertainties)))
             .collect();
         // The chain binds only vertebrae that are trusted otherwise: one that was not found says
         // nothing about its neighbours.
@@ -47,12 +67,47 @@ impl Conclusion<'_> {
                 );
                 vertebra.reasons.extend(found);
             }
+        }
+        let together = self.together(&vertebrae, options);
+        for vertebra in vertebrae.iter_mut().filter(|v| v.reasons.is_empty()) {
+            vertebra.reasons.extend(together.clone());
             vertebra.accepted = vertebra.reasons.is_empty();
         }
         vertebrae
     }
 
-    fn judged_alone(&self, v: usize, options: &VerdictOptions) -> VertebraTransfer {
+    /// What the shapes of all vertebrae say together: those of which nothing is known but how precise
+    /// their poses are, unless most differ alone already.
+    fn together(
+        &self,
+        vertebrae: &[VertebraTransfer],
+        options: &VerdictOptions,
+    ) -> Option<Rejection> {
+        let differs = |r: &Rejection| matches!(r, Rejection::ShapeDiffers { .. });
+        let n_fits = vertebrae.iter().filter(|v| v.covariance.is_some()).count();
+        let n_differ = vertebrae
+            .iter()
+            .filter(|v| v.reasons.iter().any(differs))
+            .count();
+        let misfits: Vec<Misfit> = vertebrae
+            .iter()
+            .zip(&self.fit.fits)
+            .filter(|(v, _)| {
+                v.covariance.is_some()
+                    && (2 * n_differ > n_fits
+                        || v.reasons.iter().all(Rejection::is_about_precision))
+            })
+            .map(|(_, fit)| fit.misfit)
+            .collect();
+        pooled_rejection(&misfits, options)
+    }
+
+    fn judged_alone(
+        &self,
+        v: usize,
+        names: &LandmarkEvidence,
+        (options, uncertainties): (&VerdictOptions, &[Option<TrajectoryUncertainty>]),
+    ) -> VertebraTransfer {
         let (vertebra, fit) = (&self.model.vertebrae[v], &self.fit.fits[v]);
         let pose = fit.target_from_source;
         let evidence = Evidence {
@@ -61,10 +116,14 @@ impl Conclusion<'_> {
             explained_share: fit.explained_share,
             noise_mm: fit.refinement.as_ref().map_or(f64::NAN, |r| r.noise_mm),
             others_noise_mm: self.fit.noise_mm,
-            deviations: fit.covariance.map(|c| self.deviations(v, &c)),
+            deviations: fit
+                .covariance
+                .map(|c| self.deviations(v, &c, uncertainties)),
             unexplained_share: self.fit.unexplained_share,
             level_margin: self.found.level_margin,
+            landmarks_support_levels: names.supports_levels,
             alternative_margin: self.found.alternative_margins[v],
+            hidden_share: fit.hidden_share,
             landmark_distance_mm: self.landmarks[v]
                 .map(|landmark| (pose * vertebra.landmark - landmark).norm()),
             misfit: fit.misfit,
@@ -86,6 +145,7 @@ impl Conclusion<'_> {
             landmark_distance_mm: evidence.landmark_distance_mm.unwrap_or(f64::NAN),
             misfit_mm: fit.misfit.depth_mm(),
             seen_through: fit.seen_through,
+            hidden_share: fit.hidden_share,
             origin: self.found.configuration.origins[v],
             covariance: fit.covariance,
         }
@@ -95,41 +155,55 @@ impl Conclusion<'_> {
     pub(crate) fn trajectories(
         &self,
         vertebrae: &[VertebraTransfer],
+        uncertainties: &[Option<TrajectoryUncertainty>],
     ) -> Vec<TransferredTrajectory> {
         self.plan
             .trajectories
             .iter()
-            .map(|trajectory| {
+            .zip(uncertainties)
+            .map(|(trajectory, &uncertainty)| {
                 let vertebra = &vertebrae[trajectory.level.index()];
                 TransferredTrajectory {
                     trajectory: trajectory.transformed(&vertebra.target_from_source),
                     accepted: vertebra.accepted,
-                    uncertainty: vertebra
-                        .covariance
-                        .map(|covariance| self.uncertainty(trajectory, &covariance)),
+                    uncertainty,
                 }
             })
             .collect()
     }
 
-    fn uncertainty(
-        &self,
-        planned: &Trajectory,
-        covariance: &PoseCovariance,
-    ) -> TrajectoryUncertainty {
-        let v = planned.level.index();
-        let vertebra = &self.model.vertebrae[v];
-        let pose = &self.fit.fits[v].target_from_source;
-        let anatomy = (vertebra.anatomy.as_ref(), &vertebra.frame);
-        uncertainty(planned, pose, covariance, anatomy)
+    /// How far every screw of the plan may be off; none where its vertebra has no fit.
+    pub(crate) fn uncertainties(&self) -> Vec<Option<TrajectoryUncertainty>> {
+        self.plan
+            .trajectories
+            .par_iter()
+            .map(|planned| {
+                let v = planned.level.index();
+                let (vertebra, fit) = (&self.model.vertebrae[v], &self.fit.fits[v]);
+                let anatomy = (vertebra.anatomy.as_ref(), &vertebra.frame);
+                let covariance = fit.covariance.as_ref()?;
+                Some(uncertainty(
+                    planned,
+                    &fit.target_from_source,
+                    covariance,
+                    anatomy,
+                ))
+            })
+            .collect()
     }
 
     /// Standard deviations in the worst direction.
-    fn deviations(&self, v: usize, covariance: &PoseCovariance) -> Deviations {
+    fn deviations(
+        &self,
+        v: usize,
+        covariance: &PoseCovariance,
+        uncertainties: &[Option<TrajectoryUncertainty>],
+    ) -> Deviations {
         let level = self.model.vertebrae[v].level;
         let (mut screw_mm, mut breach_probability) = (0.0, 0.0);
-        for planned in self.plan.trajectories.iter().filter(|t| t.level == level) {
-            let screw = self.uncertainty(planned, covariance);
+        let of_level = self.plan.trajectories.iter().zip(uncertainties);
+        for (_, screw) in of_level.filter(|(t, _)| t.level == level) {
+            let Some(screw) = screw else { continue };
             for deviation in [screw.entry_mm, screw.tip_mm] {
                 screw_mm = larger(screw_mm, deviation);
             }

@@ -45,6 +45,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod bare_bone;
 mod bone;
 mod chain;
 mod conclusion;
@@ -52,17 +53,22 @@ mod error;
 mod finish;
 mod free_space;
 mod hypotheses;
+mod landmark_evidence;
 mod map;
 mod map_shape;
 mod misfit;
 mod model;
 mod nearby;
+mod nearest_cells;
 mod options;
 mod points;
 mod prepare;
 mod rejection;
+mod rivals;
 mod scoring;
 mod search;
+mod search_levels;
+mod search_mix;
 mod starts;
 mod target;
 mod tracker;

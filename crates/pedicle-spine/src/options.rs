@@ -62,7 +62,8 @@ pub struct VerdictOptions {
     pub min_posterior_coverage: f64,
     /// Smallest share of the vertebra's target points that the fit explains. Default 0.85.
     pub min_explained_share: f64,
-    /// Largest noise of the target surface, mm. Default 2.5.
+    /// Largest noise of the target surface, mm. Default 2.5: beyond that the shape no longer tells whose
+    /// bone it is.
     pub max_noise_mm: f64,
     /// Largest standard deviation of the vertebra's position in the worst direction, mm. Default
     /// 0.65: nearly four of them stay within the published margin of 2.5 mm.
@@ -77,8 +78,12 @@ pub struct VerdictOptions {
     /// Largest share of the target that may belong to no vertebra. Default 0.1.
     pub max_unexplained_share: f64,
     /// How much worse the target must be explained once all levels are shifted by one, relative
-    /// to the result. Default 0.15: the vertebra that is left over holds a fifth of the points.
+    /// to the result, where the shape alone tells the levels. Default 0.15: the vertebra that is left
+    /// over holds a fifth of the points.
     pub min_level_margin: f64,
+    /// The same where at least three landmarks have the names that the poses found give them, and more
+    /// than have not. Default 0.03.
+    pub min_level_margin_with_landmarks: f64,
     /// Largest change of the distance between the centroids of neighbours, mm. Default 12.
     pub max_neighbour_shift_mm: f64,
     /// Largest turn of a vertebra relative to its neighbour, compared with the source, rad.
@@ -90,11 +95,18 @@ pub struct VerdictOptions {
     /// Deepest bumps by which the shape may differ from the plan's beyond what noise does, mm.
     /// Default 0.2.
     pub max_misfit_mm: f64,
+    /// The same where the noise of the sensor is known from dense points. Default 0.15.
+    pub max_misfit_of_sensor_mm: f64,
     /// Standard deviations of what noise alone would feign that are taken off the misfit before it
     /// is judged. Default 3.
     pub misfit_in_sigma: f64,
+    /// The same for the misfit of all vertebrae together. Default 1.2: right patients stay 0.1 mm² below
+    /// what others show at a noise of 2 mm.
+    pub pooled_misfit_in_sigma: f64,
     /// Largest share of the bone towards the camera that it may have seen through. Default 0.02: right poses show less than 0.005.
     pub max_seen_through: f64,
+    /// Largest share of the points close to a bone that may lie a little in front of it. Default 0.5.
+    pub max_hidden_share: f64,
     /// How much worse, relative to the vertebra's own points, the best clearly different pose
     /// must explain them. Default 0.08.
     pub min_alternative_margin: f64,
@@ -204,13 +216,17 @@ impl Default for VerdictOptions {
             max_screw_std_mm: 1.4,
             max_unexplained_share: 0.1,
             min_level_margin: 0.15,
+            min_level_margin_with_landmarks: 0.03,
             max_neighbour_shift_mm: 12.0,
             max_neighbour_turn_rad: 0.52,
             max_landmark_distance_mm: 15.0,
             max_misfit_mm: 0.2,
+            max_misfit_of_sensor_mm: 0.15,
             max_breach_probability: 0.005,
             misfit_in_sigma: 3.0,
+            pooled_misfit_in_sigma: 1.2,
             max_seen_through: 0.02,
+            max_hidden_share: 0.5,
             min_alternative_margin: 0.08,
         }
     }

@@ -18,6 +18,9 @@ pub(crate) struct PointSet {
     pub(crate) normals: Vec<Vector3<f64>>,
     /// Whether the normals have a sign.
     pub(crate) is_oriented: bool,
+    /// The points nearest to each, itself among them; none at all where there are no normals, and
+    /// none of points that were thinned out.
+    pub(crate) patches: Vec<Vec<u32>>,
 }
 
 impl PointSet {
@@ -61,6 +64,7 @@ impl PointSet {
             positions: chosen.into_iter().map(|p| self.positions[p]).collect(),
             normals,
             is_oriented: self.is_oriented,
+            patches: Vec::new(),
         }
     }
 }

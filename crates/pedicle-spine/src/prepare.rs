@@ -17,6 +17,7 @@ use pedicle_mesh::{RepairReport, TriMesh, connected_components};
 use pedicle_trajectory::Level;
 use rand::seq::index;
 use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
 
 use crate::finish::FinePoints;
 use crate::map_shape::clean;
@@ -96,6 +97,7 @@ pub(crate) fn prepare(
     if let Some(local) = local {
         let points = &mut fine.points;
         points.normals = local.normals;
+        points.patches = local.patches;
         if let Some(view) = &target.view {
             points.is_oriented = true;
             for (normal, p) in points.normals.iter_mut().zip(&points.positions) {
@@ -147,7 +149,7 @@ fn not_alone(points: &[Point3<f64>]) -> Result<Vec<usize>, SpineError> {
     let tree = tree_of(points)?;
     let wanted = NonZero::<usize>::MIN.saturating_add(NEIGHBORS);
     let spread: Vec<f64> = points
-        .iter()
+        .par_iter()
         .map(|p| {
             let row: [f64; 3] = p.coords.into();
             let found = tree
@@ -173,6 +175,7 @@ struct Local {
     /// z = a + bx + cy + dx² + exy + fy², corrected for its six unknowns.
     noise_mm: f64,
     normals: Vec<Vector3<f64>>,
+    patches: Vec<Vec<u32>>,
 }
 
 /// None if the points lie too far apart.
@@ -192,16 +195,18 @@ fn local_shape(points: &[Point3<f64>]) -> Result<Option<Local>, SpineError> {
         // Ties may come in any order, and sums depend on it.
         patch.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let radius = patch.last().map_or(f64::INFINITY, |(d, _)| d.sqrt());
-        let near: Vec<Point3<f64>> = patch.iter().map(|&(_, i)| points[i as usize]).collect();
+        let near: Vec<u32> = patch.into_iter().map(|(_, i)| i).collect();
         (radius, near)
     };
+    let positions =
+        |patch: &[u32]| -> Vec<Point3<f64>> { patch.iter().map(|&i| points[i as usize]).collect() };
     let stride = points.len().div_ceil(NOISE_SAMPLES).max(1);
     let (mut radii, mut noise): (Vec<f64>, Vec<f64>) = points
         .iter()
         .step_by(stride)
         .filter_map(|p| {
             let (radius, patch) = patch_of(p);
-            Some((radius, quadric_deviation(&patch)?))
+            Some((radius, quadric_deviation(&positions(&patch))?))
         })
         .unzip();
     radii.sort_by(f64::total_cmp);
@@ -212,13 +217,18 @@ fn local_shape(points: &[Point3<f64>]) -> Result<Option<Local>, SpineError> {
     {
         return Ok(None);
     }
-    let normals = points
-        .iter()
-        .map(|p| plane_of(&patch_of(p).1).1.column(0).into_owned())
-        .collect();
+    let (normals, patches) = points
+        .par_iter()
+        .map(|p| {
+            let patch = patch_of(p).1;
+            let axes = plane_of(&positions(&patch)).1;
+            (axes.column(0).into_owned(), patch)
+        })
+        .unzip();
     Ok(Some(Local {
         noise_mm: noise[noise.len() / 2],
         normals,
+        patches,
     }))
 }
 

@@ -52,10 +52,28 @@ pub enum Rejection {
     },
     /// Neighbouring points are off in the same direction: the bone has another shape.
     ShapeDiffers { misfit_mm: f64, patch_mm: f64 },
+    /// The shapes of all vertebrae that are trusted otherwise differ together.
+    SpineDiffers { misfit_mm: f64, patch_mm: f64 },
     /// The camera saw through where the bone would be.
     SeenThrough { share: f64, max: f64 },
+    /// Too much of what lies close to the bone lies a little in front of it.
+    Hidden { share: f64, max: f64 },
     /// It lies far from where the user put its landmark.
     FarFromLandmark { distance_mm: f64, max_mm: f64 },
+}
+
+impl Rejection {
+    /// Whether this says how well the pose is known, and nothing against it.
+    pub(crate) fn is_about_precision(&self) -> bool {
+        matches!(
+            self,
+            Self::Noisy { .. }
+                | Self::PositionUncertain { .. }
+                | Self::OrientationUncertain { .. }
+                | Self::ScrewUncertain { .. }
+                | Self::BreachLikely { .. }
+        )
+    }
 }
 
 impl std::fmt::Display for Rejection {
@@ -176,9 +194,24 @@ impl std::fmt::Display for Rejection {
                 "the shape differs from the plan's by {misfit_mm:.2} mm over patches of {patch_mm:.0} mm: \
                  is this the right patient and level, and is it bare bone?"
             ),
+            Self::SpineDiffers {
+                misfit_mm,
+                patch_mm,
+            } => write!(
+                f,
+                "the shapes of all vertebrae together differ from the plan's by {misfit_mm:.2} mm over \
+                 patches of {patch_mm:.0} mm: is this the right patient?"
+            ),
             Self::SeenThrough { share, max } => write!(
                 f,
                 "the camera saw through {:.0} % of where the bone would be (at most {:.0} %)",
+                100.0 * share,
+                100.0 * max
+            ),
+            Self::Hidden { share, max } => write!(
+                f,
+                "{:.0} % of what was measured close to the bone lies in front of it (at most {:.0} %): \
+                 clean it",
                 100.0 * share,
                 100.0 * max
             ),

@@ -67,6 +67,22 @@ impl ScoreTable {
         self.total_with(usize::MAX, &[])
     }
 
+    /// Mean score with some of the vertebrae alone.
+    pub(crate) fn total_of(&self, vertebrae: std::ops::Range<usize>) -> f64 {
+        let columns = &self.columns[vertebrae];
+        let n = columns.first().map_or(0, Vec::len);
+        let best = |p: usize| {
+            columns
+                .iter()
+                .fold(0.0, |best, c| if c[p] > best { c[p] } else { best })
+        };
+        if n == 0 {
+            0.0
+        } else {
+            (0..n).map(best).sum::<f64>() / n as f64
+        }
+    }
+
     /// Mean score if the column of one vertebra were another.
     pub(crate) fn total_with(&self, vertebra: usize, column: &[f64]) -> f64 {
         let n = self.columns.first().map_or(0, Vec::len);

@@ -16,6 +16,7 @@ use crate::map_shape::{MapShape, simplified, without_crumbs};
 use crate::model::{SpineModel, given_by_level};
 use crate::prepare::prepare;
 use crate::rejection::Rejection;
+use crate::rivals::Rivals;
 use crate::search::Search;
 use crate::starts::StartScene;
 use crate::{
@@ -77,6 +78,9 @@ pub struct VertebraTransfer {
     pub misfit_mm: f64,
     /// Share of the bone's surface towards the camera that it saw through; 0 without a camera.
     pub seen_through: f64,
+    /// Of the target's points close to the bone the share that lies a little in front of it, as soft
+    /// tissue does; 0 without a camera.
+    pub hidden_share: f64,
     /// Where the pose came from.
     pub origin: Origin,
     /// Covariance of the pose about the vertebra's centroid, made larger for what the first order
@@ -214,6 +218,12 @@ pub fn transfer_with_progress(
         noise_mm: prepared.sensor_noise_mm,
         free_space,
     };
+    let found = match prepared.sensor_noise_mm {
+        Some(noise_mm) if free_space.is_some() => {
+            Rivals::new(&model.vertebrae, fine, &sensor, noise_mm).settled(found)
+        }
+        _ => found,
+    };
     let fit = finish(&model.vertebrae, fine, &found.configuration.poses, &sensor)?;
     let conclusion = Conclusion {
         model,
@@ -222,8 +232,9 @@ pub fn transfer_with_progress(
         found: &found,
         fit: &fit,
     };
-    let vertebrae = conclusion.vertebrae(&options.verdict);
-    let trajectories = conclusion.trajectories(&vertebrae);
+    let uncertainties = conclusion.uncertainties();
+    let vertebrae = conclusion.vertebrae(&options.verdict, &uncertainties);
+    let trajectories = conclusion.trajectories(&vertebrae, &uncertainties);
     Ok(Transfer {
         vertebrae,
         trajectories,

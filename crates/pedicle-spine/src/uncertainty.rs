@@ -2,24 +2,33 @@
 //!
 //! ```text
 //! Σ(p) = J(p) Σ J(p)ᵀ,   J(p) = [ -[p - c]ₓ  I ]
-//! P(breach) ≤ 2 Q(m / s),   s² = largest eigenvalue of Σ(isthmus) across the screw's axis
+//! P(breach) ≈ Q(z₁) + Q(z₂),   z = min of m(p, u) / √(uᵀ Σ(p) u)
 //! ```
 //!
-//! m is the least clearance of the planned screw from the cortex in the pedicle and the body, measured
-//! on the source. Q is the upper tail of the normal distribution: the screw breaches if its wall moves
-//! towards the nearest cortex by more than m, and moves most in the direction of s. Lengths in mm.
+//! m(p, u) is how far the wall of the planned screw lies from the cortex at the point p of its axis, in
+//! the direction u at right angles to it, in the pedicle and the body, measured on the source. Q is the
+//! upper tail of the normal distribution. z₁ belongs to the wall that is nearest in standard
+//! deviations, z₂ to the nearest one on the other side: a screw in the middle of a narrow pedicle may
+//! breach either. Lengths in mm.
 
-use nalgebra::{Isometry3, Matrix3};
+use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Unit, Vector3};
 use pedicle_mesh::{SurfaceIndex, TriMesh};
 use pedicle_registration::PoseCovariance;
 use pedicle_trajectory::{
-    AnatomicalFrame, CheckOptions, Pedicle, PedicleOptions, Side, Trajectory, check_trajectory,
-    measure_pedicle,
+    AnatomicalFrame, CheckOptions, Pedicle, PedicleOptions, Side, Trajectory, Zone,
+    check_trajectory, measure_pedicle,
 };
 
 /// Depth of the isthmus below the entry where it cannot be measured, mm: that of the published
 /// margins.
 const ISTHMUS_DEPTH_MM: f64 = 20.0;
+
+/// Directions in which the cortex is looked for around the axis.
+const N_DIRECTIONS: usize = 24;
+/// Distance between the places of the axis where it is, mm.
+const STATION_MM: f64 = 3.0;
+/// Cortex farther from the axis does not matter, mm.
+const REACH_MM: f64 = 20.0;
 
 /// How far a screw may be from where it was carried to.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -34,7 +43,7 @@ pub struct TrajectoryUncertainty {
     /// planned, NaN where the pedicle could not be measured.
     pub planned_clearance_mm: f64,
     /// Probability that the screw breaches the cortex although the planned one does not; NaN where
-    /// the clearance is.
+    /// the clearance is. 1 if the planned one does.
     pub breach_probability: f64,
 }
 
@@ -74,13 +83,100 @@ impl Anatomy {
         &self.surface
     }
 
-    /// Clearance of a planned screw, mm, and depth of the isthmus below its entry, mm.
-    fn clearance(&self, planned: &Trajectory, frame: &AnatomicalFrame) -> Option<(f64, f64)> {
+    /// Room around a planned screw. None where its pedicle could not be measured.
+    fn room(&self, planned: &Trajectory, frame: &AnatomicalFrame) -> Option<Room> {
         let pedicle = self.pedicles[planned.side as usize].as_ref()?;
-        let options = CheckOptions::default();
-        let check = check_trajectory(planned, &self.surface, pedicle, frame, &options).ok()?;
-        let depth_mm = check.isthmus_depth_mm.unwrap_or(ISTHMUS_DEPTH_MM);
-        Some((check.min_clearance_mm(), depth_mm))
+        let options = CheckOptions {
+            station_spacing_mm: STATION_MM,
+            ..CheckOptions::default()
+        };
+        let exact = CheckOptions::default();
+        let check = check_trajectory(planned, &self.surface, pedicle, frame, &exact).ok()?;
+        let coarse = check_trajectory(planned, &self.surface, pedicle, frame, &options).ok()?;
+        let axis = planned.direction();
+        let walls = coarse
+            .profile
+            .iter()
+            .filter(|station| station.zone != Zone::Entry)
+            .flat_map(|station| self.walls(planned, &axis, station.depth_mm))
+            .collect();
+        Some(Room {
+            clearance_mm: check.min_clearance_mm(),
+            isthmus_depth_mm: check.isthmus_depth_mm.unwrap_or(ISTHMUS_DEPTH_MM),
+            walls,
+        })
+    }
+
+    /// The cortex around one place of the axis.
+    fn walls(&self, planned: &Trajectory, axis: &Vector3<f64>, depth_mm: f64) -> Vec<Wall> {
+        let point = planned.entry_mm + axis * depth_mm;
+        let aside = if axis.x.abs() < 0.9 {
+            Vector3::x()
+        } else {
+            Vector3::y()
+        };
+        let first = axis.cross(&aside).normalize();
+        let radius_mm = 0.5 * planned.diameter_mm;
+        (0..N_DIRECTIONS)
+            .filter_map(|k| {
+                let angle = std::f64::consts::TAU * k as f64 / N_DIRECTIONS as f64;
+                let turn = Rotation3::from_axis_angle(&Unit::new_unchecked(*axis), angle);
+                let direction = turn * first;
+                let hit = self.surface.cast_ray(&point, &direction, REACH_MM)?;
+                Some(Wall {
+                    point,
+                    direction,
+                    clearance_mm: hit.distance_mm - radius_mm,
+                })
+            })
+            .collect()
+    }
+}
+
+/// Cortex beside a planned screw, in the source frame.
+struct Wall {
+    /// Of the axis.
+    point: Point3<f64>,
+    direction: Vector3<f64>,
+    clearance_mm: f64,
+}
+
+/// Room around a planned screw.
+struct Room {
+    clearance_mm: f64,
+    isthmus_depth_mm: f64,
+    walls: Vec<Wall>,
+}
+
+impl Room {
+    fn breach_probability(&self, pose: &Isometry3<f64>, covariance: &PoseCovariance) -> f64 {
+        if self.clearance_mm < 0.0 {
+            return 1.0;
+        }
+        let tails: Vec<(f64, &Wall)> = self
+            .walls
+            .iter()
+            .map(|wall| {
+                let direction = pose.rotation * wall.direction;
+                let at = covariance.point_covariance(&(pose * wall.point));
+                let deviation_mm = direction.dot(&(at * direction)).sqrt();
+                (tail_beyond(wall.clearance_mm, deviation_mm), wall)
+            })
+            .collect();
+        let largest = |keep: &dyn Fn(&Wall) -> bool| {
+            tails
+                .iter()
+                .filter(|(_, wall)| keep(wall))
+                // NaN counts as larger than everything.
+                .max_by(|a, b| a.0.total_cmp(&b.0))
+                .copied()
+        };
+        let Some((nearest, wall)) = largest(&|_| true) else {
+            return 0.0;
+        };
+        let opposite = largest(&|other| other.direction.dot(&wall.direction) < 0.0);
+        let sum = nearest + opposite.map_or(0.0, |(tail, _)| tail);
+        if sum > 1.0 { 1.0 } else { sum }
     }
 }
 
@@ -91,35 +187,35 @@ pub(crate) fn uncertainty(
     covariance: &PoseCovariance,
     (anatomy, frame): (Option<&Anatomy>, &AnatomicalFrame),
 ) -> TrajectoryUncertainty {
-    let measured = anatomy.and_then(|anatomy| anatomy.clearance(planned, frame));
-    let (planned_clearance_mm, depth_mm) = measured.unwrap_or((f64::NAN, ISTHMUS_DEPTH_MM));
+    let room = anatomy.and_then(|anatomy| anatomy.room(planned, frame));
+    let depth_mm = room
+        .as_ref()
+        .map_or(ISTHMUS_DEPTH_MM, |room| room.isthmus_depth_mm);
     let isthmus = pose * (planned.entry_mm + planned.direction() * depth_mm);
-    let axis = pose.rotation * planned.direction();
-    let at_isthmus = covariance.point_covariance(&isthmus);
-    let across = Matrix3::identity() - axis * axis.transpose();
-    let lateral_mm = worst_deviation(&(across * at_isthmus * across));
     let worst_at = |p| worst_deviation(&covariance.point_covariance(p));
     TrajectoryUncertainty {
         entry_mm: worst_at(&(pose * planned.entry_mm)),
         isthmus_mm: worst_at(&isthmus),
         tip_mm: worst_at(&(pose * planned.tip_mm)),
-        planned_clearance_mm,
-        breach_probability: breach_probability(planned_clearance_mm, lateral_mm),
+        planned_clearance_mm: room.as_ref().map_or(f64::NAN, |room| room.clearance_mm),
+        breach_probability: room.map_or(f64::NAN, |room| room.breach_probability(pose, covariance)),
     }
 }
 
-fn breach_probability(clearance_mm: f64, deviation_mm: f64) -> f64 {
+/// Probability that a normal error of this deviation exceeds what there is room for.
+fn tail_beyond(clearance_mm: f64, deviation_mm: f64) -> f64 {
     if clearance_mm.is_nan() || deviation_mm.is_nan() {
         return f64::NAN;
     }
-    if clearance_mm < 0.0 {
-        return 1.0;
-    }
     if deviation_mm <= 0.0 {
-        return 0.0;
+        return if clearance_mm < 0.0 { 1.0 } else { 0.0 };
     }
-    let both_tails = 2.0 * upper_tail(clearance_mm / deviation_mm);
-    if both_tails < 1.0 { both_tails } else { 1.0 }
+    let z = clearance_mm / deviation_mm;
+    if z < 0.0 {
+        1.0 - upper_tail(-z)
+    } else {
+        upper_tail(z)
+    }
 }
 
 /// Q(z) for z ≥ 0 to 1e-7 (Abramowitz & Stegun 1964, 26.2.17).
@@ -174,13 +270,55 @@ mod tests {
         }
     }
 
+    fn room(clearances_mm: &[(f64, f64)]) -> Room {
+        let wall = |&(x, clearance_mm): &(f64, f64)| Wall {
+            point: Point3::origin(),
+            direction: Vector3::new(x.cos(), x.sin(), 0.0),
+            clearance_mm,
+        };
+        let least = clearances_mm.iter().map(|c| c.1).fold(99.0, f64::min);
+        Room {
+            clearance_mm: least,
+            isthmus_depth_mm: 20.0,
+            walls: clearances_mm.iter().map(wall).collect(),
+        }
+    }
+
+    /// Of the place alone, mm.
+    fn shifting(x_mm: f64, y_mm: f64) -> PoseCovariance {
+        let mut matrix = Matrix6::zeros();
+        (matrix[(3, 3)], matrix[(4, 4)]) = (x_mm.powi(2), y_mm.powi(2));
+        PoseCovariance {
+            matrix,
+            center: Point3::origin(),
+        }
+    }
+
     #[test]
     fn a_breach_is_certain_without_room_and_impossible_without_doubt() {
-        assert!((breach_probability(0.0, 0.3) - 1.0).abs() < 1e-6, "no room");
-        assert!(breach_probability(2.0, 0.0) <= 0.0, "no doubt");
-        assert!(breach_probability(-0.1, 0.1) >= 1.0, "planned outside");
-        let (near, far) = (breach_probability(1.0, 0.5), breach_probability(2.0, 0.5));
-        assert!(near > far && far > 0.0, "more room, less danger");
+        use std::f64::consts::{FRAC_PI_2, PI};
+        let at = |room: &Room, x: f64, y: f64| {
+            room.breach_probability(&Isometry3::identity(), &shifting(x, y))
+        };
+        let tight = room(&[(0.0, 0.0), (PI, 0.0)]);
+        assert!((at(&tight, 0.3, 0.3) - 1.0).abs() < 1e-6, "no room");
+        let between = room(&[(0.0, 2.0), (PI, 2.0), (FRAC_PI_2, 5.0)]);
+        assert!(at(&between, 0.0, 0.0) <= 0.0, "no doubt");
+        assert!(
+            at(&room(&[(0.0, -0.1)]), 0.1, 0.1) >= 1.0,
+            "planned outside"
+        );
+        // One standard deviation of 1 mm towards walls 2 mm away on either side.
+        assert!(
+            (at(&between, 1.0, 0.1) - 2.0 * 0.022_750_1).abs() < 1e-6,
+            "two walls"
+        );
+        let open = room(&[(0.0, 2.0), (PI, 9.0), (FRAC_PI_2, 5.0)]);
+        assert!((at(&open, 1.0, 0.1) - 0.022_750_1).abs() < 1e-6, "one wall");
+        assert!(
+            at(&open, 0.1, 2.5) > 0.02 && at(&open, 0.1, 0.1) < 1e-6,
+            "a wall farther away in the direction of the doubt"
+        );
     }
 
     #[test]

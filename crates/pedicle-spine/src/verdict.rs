@@ -20,12 +20,16 @@ pub(crate) struct Evidence {
     pub(crate) deviations: Option<Deviations>,
     pub(crate) unexplained_share: f64,
     pub(crate) level_margin: f64,
+    /// Whether the names of the landmarks agree with the levels found.
+    pub(crate) landmarks_support_levels: bool,
     pub(crate) alternative_margin: f64,
     /// None without a landmark.
     pub(crate) landmark_distance_mm: Option<f64>,
     pub(crate) misfit: Misfit,
     /// Share of the bone that the camera saw through.
     pub(crate) seen_through: f64,
+    /// Of the points close to it the share in front of it.
+    pub(crate) hidden_share: f64,
     /// Noise of the target estimated from it alone.
     pub(crate) sensor_noise_mm: Option<f64>,
 }
@@ -47,11 +51,10 @@ const MAX_NOISE_RATIO: f64 = 1.35;
 /// And at least this much, mm: without noise the ratio means nothing.
 const MIN_NOISE_EXCESS_MM: f64 = 0.15;
 
-/// The fitted noise is this much larger than the median of patches: it grows where the surface is
-/// seen at a small angle.
-const SENSOR_TO_SURFACE: f64 = 1.15;
+/// Right poses fit to 0.8 to 1.1 of the noise of the sensor, wrong ones among tissue to 1.05 and more.
+const MAX_SENSOR_RATIO: f64 = 1.15;
 /// What the steps of the sensor add to its noise, mm.
-const SENSOR_FLOOR_MM: f64 = 0.05;
+const SENSOR_FLOOR_MM: f64 = 0.03;
 
 /// Every reason not to accept.
 pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<Rejection> {
@@ -117,11 +120,16 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
             max: options.max_unexplained_share,
         },
     );
+    let min_level_margin = if evidence.landmarks_support_levels {
+        options.min_level_margin_with_landmarks
+    } else {
+        options.min_level_margin
+    };
     demand(
-        evidence.level_margin >= options.min_level_margin,
+        evidence.level_margin >= min_level_margin,
         Rejection::LevelAmbiguous {
             margin: evidence.level_margin,
-            min: options.min_level_margin,
+            min: min_level_margin,
         },
     );
     demand(
@@ -160,25 +168,21 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
         },
     );
     let misfit = evidence.misfit;
-    // Tissue taken for bone makes the residuals larger than the sensor does.
-    let noise_mm = match evidence.sensor_noise_mm {
-        Some(sensor_mm) if SENSOR_TO_SURFACE * sensor_mm < evidence.noise_mm => {
-            SENSOR_TO_SURFACE * sensor_mm
-        }
-        _ => evidence.noise_mm,
-    };
     if let Some(sensor_mm) = evidence.sensor_noise_mm {
         demand(
-            evidence.noise_mm <= MAX_NOISE_RATIO * sensor_mm + SENSOR_FLOOR_MM,
+            evidence.noise_mm <= MAX_SENSOR_RATIO * sensor_mm + SENSOR_FLOOR_MM,
             Rejection::NoisierThanSensor {
                 noise_mm: evidence.noise_mm,
                 sensor_mm,
             },
         );
     }
+    let max_misfit_mm = match evidence.sensor_noise_mm {
+        Some(_) => options.max_misfit_of_sensor_mm,
+        None => options.max_misfit_mm,
+    };
     demand(
-        misfit.beyond_noise_mm2(noise_mm, options.misfit_in_sigma)
-            <= options.max_misfit_mm * options.max_misfit_mm,
+        misfit.beyond_noise_mm2(options.misfit_in_sigma) <= max_misfit_mm * max_misfit_mm,
         Rejection::ShapeDiffers {
             misfit_mm: misfit.depth_mm(),
             patch_mm: PATCH_MM,
@@ -191,6 +195,13 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
             max: options.max_seen_through,
         },
     );
+    demand(
+        evidence.hidden_share <= options.max_hidden_share,
+        Rejection::Hidden {
+            share: evidence.hidden_share,
+            max: options.max_hidden_share,
+        },
+    );
     if let Some(distance_mm) = evidence.landmark_distance_mm {
         demand(
             distance_mm <= options.max_landmark_distance_mm,
@@ -201,6 +212,21 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
         );
     }
     found
+}
+
+/// What the shapes of all vertebrae that are trusted otherwise say together: bumps that noise hides on
+/// one bone show on five.
+pub(crate) fn pooled_rejection(misfits: &[Misfit], options: &VerdictOptions) -> Option<Rejection> {
+    if misfits.is_empty() {
+        return None;
+    }
+    let pooled = Misfit::pooled(misfits);
+    let holds = pooled.beyond_noise_mm2(options.pooled_misfit_in_sigma)
+        <= options.max_misfit_mm * options.max_misfit_mm;
+    (!holds).then(|| Rejection::SpineDiffers {
+        misfit_mm: pooled.depth_mm(),
+        patch_mm: PATCH_MM,
+    })
 }
 
 /// What the chain says of a vertebra and a neighbour that are both trusted otherwise: each as
@@ -249,8 +275,10 @@ mod tests {
 
     const NOISE_ONLY: Misfit = Misfit {
         covariance_mm2: 0.002,
+        by_noise_mm2: 0.001,
         deviation_mm2: 0.005,
         pairs_over_variance: 1.0,
+        n_pairs: 500,
     };
 
     fn good() -> Evidence {
@@ -263,10 +291,12 @@ mod tests {
             deviations: Some(GOOD),
             unexplained_share: 0.01,
             level_margin: 0.5,
+            landmarks_support_levels: true,
             alternative_margin: 0.4,
             landmark_distance_mm: Some(4.0),
             misfit: NOISE_ONLY,
             seen_through: 0.0,
+            hidden_share: 0.0,
             sensor_noise_mm: None,
         }
     }
@@ -308,6 +338,39 @@ mod tests {
     }
 
     #[test]
+    fn bumps_that_noise_hides_on_one_bone_show_on_all() {
+        let options = VerdictOptions::default();
+        let hidden = Misfit {
+            covariance_mm2: 0.33,
+            by_noise_mm2: 0.2,
+            deviation_mm2: 0.1,
+            ..NOISE_ONLY
+        };
+        assert_eq!(pooled_rejection(&[hidden], &options), None, "one alone");
+        let found = pooled_rejection(&[hidden; 5], &options).map(|r| r.to_string());
+        assert!(found.is_some_and(|r| r.contains("together")), "all five");
+        assert_eq!(pooled_rejection(&[NOISE_ONLY; 5], &options), None, "noise");
+        assert_eq!(pooled_rejection(&[], &options), None, "nobody is trusted");
+    }
+
+    #[test]
+    fn landmarks_lend_the_levels_support_and_never_outweigh_the_shape() {
+        let options = VerdictOptions::default();
+        let judged = |margin: f64, supported: bool| {
+            let evidence = Evidence {
+                level_margin: margin,
+                landmarks_support_levels: supported,
+                ..good()
+            };
+            rejections(&evidence, &options).len()
+        };
+        assert_eq!(judged(0.05, true), 0, "shape and names agree");
+        assert_eq!(judged(0.05, false), 1, "the shape alone is not sure");
+        assert_eq!(judged(0.01, true), 1, "names alone are not enough");
+        assert_eq!(judged(0.2, false), 0, "the shape is sure");
+    }
+
+    #[test]
     fn each_figure_alone_rejects_with_its_own_reason() {
         let with = |deviations| -> Spoil { Box::new(move |e| e.deviations = Some(deviations)) };
         let cases: Vec<(&str, Spoil)> = vec![
@@ -338,6 +401,7 @@ mod tests {
                 "taken for bone",
                 Box::new(|e| e.sensor_noise_mm = Some(0.25)),
             ),
+            ("in front of", Box::new(|e| e.hidden_share = 0.8)),
             ("saw through 12 %", Box::new(|e| e.seen_through = 0.12)),
             ("right patient", Box::new(|e| e.misfit.covariance_mm2 = 0.5)),
             (

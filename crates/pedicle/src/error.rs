@@ -77,6 +77,24 @@ pub enum Error {
         /// All of them.
         n_trajectories: usize,
     },
+    /// A point cloud could not be read.
+    #[error("{}: cannot be read: {source}", path.display())]
+    ReadCloud {
+        /// The file.
+        path: PathBuf,
+        /// The reason.
+        source: std::io::Error,
+    },
+    /// A line of a point cloud is no point.
+    #[error("{}, line {line}: {message}", path.display())]
+    CloudLine {
+        /// The file.
+        path: PathBuf,
+        /// Its number, from 1.
+        line: usize,
+        /// What is wrong.
+        message: String,
+    },
     /// There is nothing at this path.
     #[error("{}: no such file or folder", path.display())]
     NotThere {

@@ -3,6 +3,7 @@
 //! - [`read_spine`], [`landmarks_from_shape`], [`plan_from_shape`]: a spine from files
 //! - [`import_meshes`], [`write_spine`]: a spine folder from meshes of other programs
 //! - [`check_plan_frame`], [`write_itk_transform`], [`write_transferred_spine`]: exchange with 3D Slicer
+//! - [`read_cloud`]: points as text
 //! - [`TransferFile`], [`write_json`]: the result of a transfer as JSON
 //! - [`report`]: pages that show a transfer or a map
 //! - [`AnatomyFile`], [`PlanFile`], [`CheckFile`]: anatomy, plans and checks as JSON
@@ -21,6 +22,7 @@
 //! Lengths are millimetres. Research software, not a medical device.
 
 mod clinical_file;
+mod cloud_file;
 pub mod commands;
 mod error;
 mod frames;
@@ -36,6 +38,7 @@ pub use clinical_file::{
     AnatomyEntry, AnatomyFile, CheckFile, NearestEntry, PedicleEntry, PlanFile, ProfileEntry,
     ScrewEntry,
 };
+pub use cloud_file::{is_cloud_file, read_cloud};
 pub use error::Error;
 pub use frames::check_plan_frame;
 pub use import_files::{ImportFile, ImportedLevelEntry, import_meshes, in_space, write_spine};

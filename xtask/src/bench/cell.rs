@@ -133,7 +133,8 @@ fn summed_up(cell: &SuiteCell, members: &[&ScenarioScore]) -> Cell {
     }
 }
 
-fn seen(all: &[&VertebraScore]) -> Seen {
+/// Of some vertebrae those of which enough is seen.
+pub(super) fn seen(all: &[&VertebraScore]) -> Seen {
     let subset = |share: &dyn Fn(&VertebraScore) -> f64| -> Vec<&VertebraScore> {
         let of_them = |v: &&&VertebraScore| v.present && share(v) >= SEEN_SHARE;
         all.iter().filter(of_them).copied().collect()

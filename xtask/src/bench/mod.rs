@@ -13,8 +13,10 @@ mod published;
 mod report;
 mod score;
 mod screws;
+mod suite_gates;
 mod suite_report;
 mod suites;
+pub(crate) mod total;
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -65,6 +67,14 @@ pub(crate) struct Arguments {
     /// Random draws a cell.
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..))]
     draws: u32,
+    /// Only cells whose name, as printed by --explain, contains this.
+    #[arg(
+        long,
+        value_name = "TEXT",
+        default_value = "",
+        hide_default_value = true
+    )]
+    only: String,
     /// Threads; all cores by default. The figures do not depend on it.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     threads: Option<u16>,
@@ -80,7 +90,7 @@ pub(crate) struct Arguments {
     /// Put the time for each stage on the page: it then differs from run to run.
     #[arg(long, requires = "report")]
     report_times: bool,
-    /// Gates to hold the figures of the suite paper against; fixtures/gates.ron by default.
+    /// Gates to hold the figures against; fixtures/gates.ron by default.
     #[arg(long, value_name = "FILE")]
     gates: Option<PathBuf>,
     /// Rewrite the gates of this spine from this run. Never in CI.
@@ -171,6 +181,13 @@ impl Arguments {
             }
             if *suite == Suite::Paper {
                 held &= self.judge(&outcome.name, &cells)?;
+            } else if !self.update_gates {
+                let file = self.gate_file();
+                let missed = Gates::read(&file)?.missed_of_suite(&suite.to_string(), &cells);
+                for sentence in &missed {
+                    complain(&format!("gate missed: {}: {sentence}", outcome.name));
+                }
+                held &= missed.is_empty();
             }
             documents.push(markdown);
             files.push(SuiteFile {
@@ -239,7 +256,11 @@ impl Arguments {
         }
         let pool = builder.build()?;
         let suites = self.suite.suites();
-        let n_cells: usize = suites.iter().map(|suite| suite.cells().len()).sum();
+        let n_cells: usize = suites
+            .iter()
+            .flat_map(|suite| suite.cells())
+            .filter(|cell| cell.to_string().contains(&self.only))
+            .count();
         let bar = progress_bar(spines.len() * n_cells * self.draws as usize);
         let mut outcome = Outcome {
             name: String::new(),
@@ -260,7 +281,8 @@ impl Arguments {
                 .then(|| Source::new(&case.spine, &case.landmarks))
                 .transpose()?;
             for ((suite, scores), beside) in outcome.scores.iter_mut().zip(&mut outcome.beside) {
-                let scenarios = suite_scenarios(*suite, spine.seed(), self.draws);
+                let mut scenarios = suite_scenarios(*suite, spine.seed(), self.draws);
+                scenarios.retain(|s| s.cell.to_string().contains(&self.only));
                 // One scenario a thread; results keep the order of the scenarios.
                 let found = pool.install(|| {
                     scenarios
@@ -330,8 +352,12 @@ impl Arguments {
         (summary.text(), summary.markdown())
     }
 
+    fn gate_file(&self) -> PathBuf {
+        self.gates.clone().unwrap_or_else(|| fixture("gates.ron"))
+    }
+
     fn judge(&self, spine: &str, cells: &[Cell]) -> Result<bool, XtaskError> {
-        let file = self.gates.clone().unwrap_or_else(|| fixture("gates.ron"));
+        let file = self.gate_file();
         let exists = file.is_file();
         let mut gates = if self.update_gates && !exists {
             Gates::empty()

@@ -3,6 +3,7 @@
 use std::time::{Duration, Instant};
 
 use nalgebra::Isometry3;
+use pedicle_registration::PoseCovariance;
 use pedicle_simulation::{
     SuiteScenario, SuiteTarget, SuiteTruth, TargetSurface, simulate_suite, trajectory_error,
 };
@@ -147,15 +148,27 @@ fn evidence(found: &VertebraTransfer, transfer: &Transfer) -> String {
         })
         .collect::<Vec<_>>()
         .join(" and ");
+    let sd = |at: usize| {
+        let block = |c: PoseCovariance| c.matrix.fixed_view::<3, 3>(at, at).into_owned();
+        let worst = found
+            .covariance
+            .map(|c| block(c).symmetric_eigenvalues().max());
+        worst.map_or(f64::NAN, f64::sqrt)
+    };
+    let (sd_rad, sd_mm) = (sd(0), sd(3));
     format!(
-        " [noise {:.2} of {:.2}, breach {breach}, misfit {:.2}, through {:.3}, explained {:.2}, covers {:.2}, margin {:.2}, n {}]",
+        " [noise {:.2} of {:.2}, breach {breach}, misfit {:.2}, through {:.3}, hidden {:.2}, explained {:.2}, covers {:.2}, margin {:.2}, level {:.2}, sd {:.2} mm {:.2}°, n {}]",
         found.noise_mm,
         transfer.sensor_noise_mm.unwrap_or(f64::NAN),
         found.misfit_mm,
         found.seen_through,
+        found.hidden_share,
         found.explained_share,
         found.posterior_coverage,
         found.alternative_margin,
+        transfer.level_margin,
+        sd_mm,
+        sd_rad.to_degrees(),
         found.n_points,
     )
 }
@@ -217,12 +230,14 @@ fn judge(
     let mut score = judge_pose(case, simulated, truth, (pose, found.accepted))?;
     score.origin = Some(found.origin);
     let evidence = evidence(found, transfer);
+    let mut evidence = evidence;
     score.detail = if truth.present {
         let true_pose = &truth.vertebra.target_from_source;
         score.normalized_error = found
             .covariance
             .and_then(|c| c.normalized_error_squared(pose, true_pose).ok())
             .unwrap_or(f64::NAN);
+        evidence.push_str(&format!(" e²/6 {:.2}", score.normalized_error / 6.0));
         let (mm, degrees) = (score.translation_mm, score.rotation_rad.to_degrees());
         let breaches = &score.detail;
         format!(

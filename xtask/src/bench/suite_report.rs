@@ -4,10 +4,10 @@ use comfy_table::presets::{ASCII_MARKDOWN, UTF8_FULL_CONDENSED};
 use comfy_table::{Table, TableStyle};
 use pedicle_simulation::Suite;
 
-use super::cell::{Cell, Spread};
+use super::cell::{self, Cell, Spread};
 use super::limit::upper_limit;
 use super::report::{new_table, share};
-use super::score::ScenarioScore;
+use super::score::{ScenarioScore, VertebraScore};
 use super::screws;
 
 /// All that is reported of one suite.
@@ -25,9 +25,10 @@ impl SuiteSummary<'_> {
     /// Everything, for a terminal.
     pub(super) fn text(&self) -> String {
         format!(
-            "{}\n{}\n{}\n{}",
+            "{}\n{}\n{}{}\n{}",
             self.heading(),
             self.table(UTF8_FULL_CONDENSED),
+            self.seen(),
             screws::origins(self.scores),
             self.times
         )
@@ -36,11 +37,12 @@ impl SuiteSummary<'_> {
     /// Everything, for a document.
     pub(super) fn markdown(&self) -> String {
         format!(
-            "# Suite `{}` on {}\n\n{}\n\n{}\n\n{}\n\n{}\n",
+            "# Suite `{}` on {}\n\n{}\n\n{}\n\n{}\n{}\n\n{}\n",
             self.suite,
             self.spine,
             self.heading(),
             self.table(ASCII_MARKDOWN),
+            self.seen(),
             screws::origins(self.scores),
             self.times
         )
@@ -55,6 +57,26 @@ impl SuiteSummary<'_> {
             self.scores.len(),
             self.draws,
             self.seed
+        )
+    }
+
+    /// Of the suite `sensor`: vertebrae of which enough is seen, over all cells.
+    fn seen(&self) -> String {
+        if self.suite != Suite::Sensor {
+            return String::new();
+        }
+        let all: Vec<&VertebraScore> = self.scores.iter().flat_map(|s| &s.vertebrae).collect();
+        let seen = cell::seen(&all);
+        format!(
+            "a third of the back seen: {} vertebrae, valid and accepted {}, median target error at the \
+             isthmus {} mm\na third of what faces backwards seen: {} vertebrae, valid and accepted {}, \
+             median target error at the isthmus {} mm\n",
+            seen.vertebrae,
+            share(seen.valid_accepted, seen.vertebrae),
+            millimetres(seen.isthmus_median_mm),
+            seen.facing_vertebrae,
+            share(seen.facing_valid_accepted, seen.facing_vertebrae),
+            millimetres(seen.facing_isthmus_median_mm),
         )
     }
 

@@ -18,8 +18,9 @@ use super::console::Console;
 use super::{exit_code, table::transfer_tables};
 use crate::report::{TransferReport, transfer_page};
 use crate::{
-    Error, Spaces, SpineFormat, TransferFile, check_plan_frame, landmarks_from_shape,
-    read_spine_file, transform_file_names, write_text, write_transferred_spine, write_transforms,
+    Error, Spaces, SpineFormat, TransferFile, check_plan_frame, is_cloud_file,
+    landmarks_from_shape, read_cloud, read_spine_file, transform_file_names, write_text,
+    write_transferred_spine, write_transforms,
 };
 
 /// Carry a plan to a target surface.
@@ -32,8 +33,9 @@ pub(super) struct Arguments {
     /// Planned trajectories in the frame of the source: .ron, .json, or 3D Slicer's .mrk.json.
     #[arg(long, value_name = "PLAN")]
     plan: PathBuf,
-    /// Target surface, one unlabelled mesh in millimetres: PLY, STL, OBJ, OFF or VTP.
-    #[arg(long, value_name = "MESH")]
+    /// Target surface in millimetres: one unlabelled mesh, PLY, STL, OBJ, OFF or VTP, or a point cloud
+    /// as text, x y z a line: .xyz, .csv, .txt or .pts.
+    #[arg(long, value_name = "FILE")]
     target: PathBuf,
     /// Top of each spinous process in the frame of the source, .ron, .json or .mrk.json; found from
     /// the shape if not given.
@@ -115,12 +117,18 @@ impl Arguments {
         let bar = console.bar(N_STEPS + n_report_steps);
         bar.set_message("reading the source");
         let source = read_spine_file(&self.source)?;
-        let read_target = read_mesh(&self.target)?;
+        let target_mesh = if is_cloud_file(&self.target) {
+            None
+        } else {
+            Some(read_mesh(&self.target)?)
+        };
         let spaces = Spaces {
             source: self.frame.or(source.space).unwrap_or_default(),
             target: self
                 .target_frame
-                .or(space_of(&read_target.comments))
+                .or(target_mesh
+                    .as_ref()
+                    .and_then(|read| space_of(&read.comments)))
                 .unwrap_or_default(),
         };
         let options = MarkupsOptions {
@@ -137,7 +145,10 @@ impl Arguments {
             Some(file) => read_landmarks_in(file, spaces.target)?,
             None => Landmarks::default(),
         };
-        let mut target = Target::mesh(read_target.mesh, target_landmarks);
+        let mut target = match target_mesh {
+            Some(read) => Target::mesh(read.mesh, target_landmarks),
+            None => Target::cloud(read_cloud(&self.target)?, target_landmarks),
+        };
         target.view = self.camera.map(|camera_mm| SensorView { camera_mm });
         bar.inc(1);
 

@@ -1,0 +1,103 @@
+//! What the names of the landmarks say about the levels found.
+//!
+//! ```text
+//! agrees: |T_v s_v - l_v| ≤ r
+//! ```
+//!
+//! s are the landmarks of the source, l those of the target, T the poses found, r how far a landmark may
+//! lie from where its vertebra has it. Names that agree with the poses are evidence for the levels
+//! beside the shape: both would have to err by the same level.
+
+use nalgebra::{Isometry3, Point3};
+
+/// Agreeing landmarks that support the levels.
+const MIN_AGREEING: usize = 3;
+/// What is known of one vertebra.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Tip {
+    /// Where the pose puts the landmark of the source; none without a fit.
+    pub(crate) carried: Option<Point3<f64>>,
+    pub(crate) landmark: Option<Point3<f64>>,
+}
+
+impl Tip {
+    pub(crate) fn new(
+        pose: Option<&Isometry3<f64>>,
+        source: &Point3<f64>,
+        landmark: Option<Point3<f64>>,
+    ) -> Self {
+        Self {
+            carried: pose.map(|pose| pose * source),
+            landmark,
+        }
+    }
+}
+
+/// What the landmarks say, all together.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct LandmarkEvidence {
+    /// Whether enough names agree with the poses, and more than do not.
+    pub(crate) supports_levels: bool,
+}
+
+/// Compares the names with the poses. Landmarks within `reach_mm` of a tip belong to it.
+pub(crate) fn landmark_evidence(tips: &[Tip], reach_mm: f64) -> LandmarkEvidence {
+    let n = tips.len();
+    let distance = |v: usize, u: usize| -> f64 {
+        match (tips[v].landmark, tips[u].carried) {
+            (Some(landmark), Some(carried)) => (landmark - carried).norm(),
+            _ => f64::INFINITY,
+        }
+    };
+    let agrees: Vec<bool> = (0..n).map(|v| distance(v, v) <= reach_mm).collect();
+    let n_agreeing = agrees.iter().filter(|a| **a).count();
+    let n_elsewhere = (0..n)
+        .filter(|&v| tips[v].landmark.is_some() && tips[v].carried.is_some() && !agrees[v])
+        .count();
+    LandmarkEvidence {
+        supports_levels: n_agreeing >= MIN_AGREEING && n_agreeing > n_elsewhere,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const REACH_MM: f64 = 15.0;
+
+    fn at(level: f64) -> Point3<f64> {
+        Point3::new(2.0, -40.0, -35.0 * level)
+    }
+
+    /// Tips in their places with the landmarks given by level.
+    fn tips(landmarks: [Option<f64>; 5]) -> Vec<Tip> {
+        landmarks
+            .iter()
+            .enumerate()
+            .map(|(v, landmark)| Tip {
+                carried: Some(at(v as f64)),
+                landmark: landmark.map(at),
+            })
+            .collect()
+    }
+
+    fn judged(landmarks: [Option<f64>; 5]) -> LandmarkEvidence {
+        landmark_evidence(&tips(landmarks), REACH_MM)
+    }
+
+    #[test]
+    fn names_that_agree_support_the_levels() {
+        let all = judged([Some(0.1), Some(1.0), Some(2.2), Some(3.0), Some(3.9)]);
+        assert!(all.supports_levels, "{all:?}");
+        let three = judged([None, Some(1.0), Some(2.0), None, Some(4.0)]);
+        assert!(three.supports_levels, "{three:?}");
+        let two = judged([None, Some(1.0), None, None, Some(4.0)]);
+        assert!(!two.supports_levels, "{two:?}");
+        let mut without_fit = tips([Some(0.0), Some(1.0), Some(2.0), None, None]);
+        without_fit[0].carried = None;
+        assert!(
+            !landmark_evidence(&without_fit, REACH_MM).supports_levels,
+            "a vertebra that was not found agrees with nothing"
+        );
+    }
+}
