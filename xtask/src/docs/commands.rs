@@ -51,6 +51,7 @@ pub(super) fn run_all(documents: &[Document]) -> Result<bool, XtaskError> {
                 continue;
             }
             say(&format!("--- {place}\n{}", block.script.trim_end()));
+            let start = std::time::Instant::now();
             let output = Command::new("timeout")
                 .args([TIME_LIMIT, "bash", "-euo", "pipefail", "-c", &block.script])
                 .current_dir(&folder)
@@ -59,6 +60,7 @@ pub(super) fn run_all(documents: &[Document]) -> Result<bool, XtaskError> {
                 .output()
                 .map_err(failed("bash"))?;
             n_run += 1;
+            say(&format!("{:.0} s", start.elapsed().as_secs_f64()));
             if !output.status.success() {
                 let said = String::from_utf8_lossy(&output.stderr);
                 complain(&format!("{place}: {}\n{}", output.status, said.trim_end()));
