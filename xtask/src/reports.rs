@@ -196,7 +196,9 @@ fn are_same(one: &Path, other: &Path) -> Result<bool, XtaskError> {
 /// What the page adds to a demo: the medians of some runs with it and without.
 fn report_seconds(folder: &Path) -> Result<f64, XtaskError> {
     let page = folder.join("timed.html");
-    let commands = [words(&["demo"]), demo(&page)];
+    let mut with_page = demo(&page);
+    with_page.push("--force".to_owned());
+    let commands = [words(&["demo"]), with_page];
     let mut seconds = [Vec::new(), Vec::new()];
     for _ in 0..RUNS {
         for (command, seconds) in commands.iter().zip(&mut seconds) {
