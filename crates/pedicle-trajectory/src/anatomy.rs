@@ -5,18 +5,20 @@
 //! ```
 //!
 //! a unit axis of the pedicle, from behind to the front; the frame is that of the vertebra itself
-//! ([`anatomical_frames`]), so the sagittal angle is against its own end plates. What a shape does
+//! ([`anatomical_frames`](crate::anatomical_frames)), so the sagittal angle is against its own end plates. What a shape does
 //! not allow is an error of that part alone; what looks wrong is a [`Doubt`]. Lengths in mm.
 
 use nalgebra::{Point3, Vector3};
 use pedicle_mesh::{SurfaceIndex, TriMesh, boundary_loops};
+use rayon::prelude::*;
 
 use crate::body::Body;
+use crate::frame::frames_and_surfaces;
 use crate::isthmus::MIN_NECK_MM;
 use crate::pedicle::pedicle_with_isthmus;
 use crate::{
     AnatomicalFrame, AnatomyError, Confidence, Doubt, Level, Pedicle, PedicleOptions, Side,
-    anatomical_frames, spinous_process_tip,
+    spinous_process_tip,
 };
 
 /// Size of a vertebral body, from the section in the mirror plane.
@@ -131,30 +133,27 @@ const DISC_SPOTS: [f64; 3] = [-0.4, 0.0, 0.4];
 /// Measures every vertebra of a spine.
 ///
 /// # Errors
-/// [`AnatomyError`] if the spine has no directions ([`anatomical_frames`]) or a surface cannot be
+/// [`AnatomyError`] if the spine has no directions ([`crate::anatomical_frames`]) or a surface cannot be
 /// searched. What is missing in one vertebra is an error of that part.
 pub fn measure_spine(
     vertebrae: &[(Level, &TriMesh)],
     options: &PedicleOptions,
 ) -> Result<Vec<VertebraAnatomy>, AnatomyError> {
-    let frames = anatomical_frames(vertebrae)?;
-    let mut found = vertebrae
-        .iter()
-        .zip(frames)
-        .map(|((level, mesh), frame)| measure_vertebra(*level, mesh, frame, options))
-        .collect::<Result<Vec<_>, _>>()?;
+    let mut found: Vec<VertebraAnatomy> = vertebrae
+        .par_iter()
+        .zip(frames_and_surfaces(vertebrae)?)
+        .map(|(vertebra, directed)| measure_vertebra(vertebra, directed, options))
+        .collect();
     compare_heights(&mut found);
     find_fused(&mut found);
     Ok(found)
 }
 
 fn measure_vertebra(
-    level: Level,
-    mesh: &TriMesh,
-    frame: AnatomicalFrame,
+    &(level, mesh): &(Level, &TriMesh),
+    (frame, surface): (AnatomicalFrame, SurfaceIndex),
     options: &PedicleOptions,
-) -> Result<VertebraAnatomy, AnatomyError> {
-    let surface = SurfaceIndex::new(mesh)?;
+) -> VertebraAnatomy {
     let mut doubts = Vec::new();
     let n_rims = boundary_loops(mesh).len();
     if n_rims > 0 {
@@ -184,7 +183,7 @@ fn measure_vertebra(
     });
     doubts.extend(pedicle_doubts(&pedicles));
     let canal = section.and_then(|body| canal_anatomy(&body, &pedicles, &surface, &frame));
-    Ok(VertebraAnatomy {
+    VertebraAnatomy {
         level,
         frame,
         body,
@@ -193,7 +192,7 @@ fn measure_vertebra(
         spinous_process_tip_mm: spinous_process_tip(mesh, &frame),
         doubts,
         surface,
-    })
+    }
 }
 
 fn body_anatomy(body: &Body, surface: &SurfaceIndex, frame: &AnatomicalFrame) -> BodyAnatomy {

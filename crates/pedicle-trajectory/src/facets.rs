@@ -36,7 +36,7 @@ const FACET_MM: f64 = 1.0;
 pub fn articular_points(own: &TriMesh, above: &SurfaceIndex) -> Vec<Point3<f64>> {
     own.vertices()
         .iter()
-        .filter(|p| above.closest_point(p).distance_mm <= JOINT_GAP_MM)
+        .filter(|p| above.closest_point_within(p, JOINT_GAP_MM).is_some())
         .copied()
         .collect()
 }

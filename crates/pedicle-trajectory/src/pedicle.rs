@@ -17,7 +17,7 @@ use crate::body::Body;
 use crate::depth::depth_mm;
 use crate::isthmus::{Isthmus, Section, refined_isthmus};
 use crate::search::climb;
-use crate::section::{Contour, Plane, contour_around, section};
+use crate::section::{Contour, Plane, Slicer, contour_around, section};
 use crate::{AnatomicalFrame, AnatomyError, Side};
 
 /// How a pedicle is measured.
@@ -324,13 +324,15 @@ impl Profile {
         let length = options.behind_wall_mm + options.inside_body_mm;
         let spacing = options.section_spacing_mm.max(MIN_SPACING_MM);
         let n = ((length / spacing) as usize).min(MAX_SLICES);
+        let reach = (-options.behind_wall_mm, options.inside_body_mm);
+        let slicer = Slicer::new(mesh, wall, axis, reach);
         let mut slices = Vec::new();
         for k in 0..=n {
             let at_mm = k as f64 * spacing - options.behind_wall_mm;
             let Some(plane) = Plane::new(wall + axis * at_mm, axis, frame.left) else {
                 continue;
             };
-            let contours = section(mesh, &plane);
+            let contours = slicer.section(&plane);
             let Some(contour) = contour_around(&contours, &Point2::origin()) else {
                 continue;
             };
