@@ -57,6 +57,11 @@ pub struct PedicleAnatomy {
     pub pedicle: Pedicle,
     /// The contour of the isthmus, mm; the last point joins the first.
     pub isthmus_contour_mm: Vec<Point3<f64>>,
+    /// Through the centroid of the isthmus from side to side, mm: the width of surveys, which do not
+    /// follow an isthmus that leans.
+    pub mediolateral_chord_mm: f64,
+    /// Through the centroid at right angles to that, mm: the height of surveys.
+    pub upright_chord_mm: f64,
     /// Length around the isthmus along which sections are at most 10 % larger, mm.
     pub neck_mm: f64,
     /// Angle of the axis with the sagittal plane, radians; positive: converges to the front.
@@ -167,8 +172,10 @@ fn measure_vertebra(
     if let Ok(body) = &body {
         doubts.extend(collapsed(body));
     }
-    let pedicles = Side::ALL.map(|side| {
-        let (pedicle, isthmus) = pedicle_with_isthmus(mesh, &surface, &frame, side, options)?;
+    let found = |side| pedicle_with_isthmus(mesh, &surface, &frame, side, options);
+    let (left, right) = rayon::join(|| found(Side::Left), || found(Side::Right));
+    let pedicles = [(Side::Left, left), (Side::Right, right)].map(|(side, found)| {
+        let (pedicle, isthmus) = found?;
         let isthmus = isthmus.ok_or(AnatomyError::NoPedicle {
             side,
             reason: "no closed section lies around its narrowest place",
@@ -234,9 +241,18 @@ fn pedicle_anatomy(
     let behind = wall(-axis, "its axis meets no cortex behind")?;
     let ahead = wall(axis, "its axis meets no cortex in front")?;
     let medial = -frame.left * pedicle.side.sign();
+    let aside = frame.left - axis * axis.dot(&frame.left);
+    let chord = |direction: Vector3<f64>| {
+        let reason = "its isthmus is open";
+        let there = wall(direction, reason)?.distance_mm;
+        let back = wall(-direction, reason)?.distance_mm;
+        Ok::<f64, AnatomyError>(there + back)
+    };
     Ok(PedicleAnatomy {
         pedicle: *pedicle,
         isthmus_contour_mm: Vec::new(),
+        mediolateral_chord_mm: chord(aside)?,
+        upright_chord_mm: chord(axis.cross(&aside))?,
         neck_mm: 0.0,
         transverse_angle_rad: axis.dot(&medial).atan2(axis.dot(&frame.anterior)),
         sagittal_angle_rad: axis.dot(&frame.up).clamp(-1.0, 1.0).asin(),

@@ -119,10 +119,13 @@ pub(crate) fn frames_and_surfaces(
     found.into_iter().collect()
 }
 
-/// The top of the spinous process: the most posterior vertices near the mirror plane, averaged
-/// and brought back onto the nearest of the vertices.
+/// The tip of the spinous process: the middle of its dorsal border, which is what a finger or a pointer
+/// meets first in a prone patient.
 ///
-/// The average over the few last millimetres keeps a single spike from deciding.
+/// The vertices near the mirror plane that reach furthest back are averaged, and the nearest of them
+/// is taken. The border of a lumbar process is a ridge of 10 to 25 mm, nearly upright, so its upper and
+/// its lower corner lie as far back as its middle to a millimetre or two; the average over the last
+/// millimetres keeps a small tilt of the axes, or a single spike, from moving the tip along the ridge.
 ///
 /// # Errors
 /// [`AnatomyError::NoSpinousProcess`] if no vertex lies near the mirror plane.

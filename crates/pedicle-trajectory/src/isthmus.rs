@@ -10,6 +10,8 @@
 //! sections hardly grow. Where the neck is short, as in most real pedicles, centroids follow the
 //! parts that merge there and not the pedicle, so the first axis is kept. Lengths in mm.
 
+use std::cell::OnceCell;
+
 use nalgebra::{Matrix3, Point2, Point3, Vector3};
 use pedicle_mesh::TriMesh;
 
@@ -151,12 +153,13 @@ fn narrowest(
     let slicer = Slicer::new(mesh, near, axis, (-reach, reach));
     let at = |t: f64| Section::at(&slicer, near + axis * t, axis, x);
     let area = |k: i32| at(f64::from(k) * SPACING_MM).map(|s| s.contour.area());
-    let areas: Vec<Option<f64>> = (-SEARCH_SECTIONS..=SEARCH_SECTIONS).map(area).collect();
-    // Walk downhill: another narrow place further off is another part of the bone.
+    let areas = vec![OnceCell::new(); 2 * SEARCH_SECTIONS as usize + 1];
+    // Only what is asked for is cut.
     let area_at = |k: i32| {
         let index = usize::try_from(k + SEARCH_SECTIONS).ok()?;
-        areas.get(index).copied().flatten()
+        *areas.get(index)?.get_or_init(|| area(k))
     };
+    // Walk downhill: another narrow place further off is another part of the bone.
     let mut k = 0;
     area_at(k)?;
     loop {

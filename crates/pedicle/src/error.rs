@@ -20,6 +20,9 @@ pub enum Error {
     /// A label map was refused.
     #[error(transparent)]
     Labels(#[from] pedicle_labels::LabelError),
+    /// A .glb file gives no surface.
+    #[error(transparent)]
+    Glb(#[from] crate::GlbError),
     /// An ITK transform could not be read.
     #[error(transparent)]
     ItkTransform(#[from] crate::ItkTransformError),
