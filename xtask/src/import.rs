@@ -7,7 +7,8 @@ use clap::Args;
 use comfy_table::presets::UTF8_FULL_CONDENSED;
 use pedicle_labels::{ImportOptions, ImportedLevel, import_label_map};
 use pedicle_mesh::{
-    SurfaceIndex, TriMesh, WriteOptions, connected_components, is_closed_manifold, read_mesh, volume,
+    SurfaceIndex, TriMesh, WriteOptions, connected_components, is_closed_manifold, read_mesh,
+    volume,
 };
 
 use crate::bench::new_table;
@@ -75,7 +76,14 @@ impl Arguments {
         let mut recorder = Recorder::default();
         let spine = recorder.run("import", || import(&self.labels, work.path()))?;
         let mut held = spine.missing.is_empty();
-        let header = ["level", "faces", "95 % mm", "largest mm", "volume %", "closed"];
+        let header = [
+            "level",
+            "faces",
+            "95 % mm",
+            "largest mm",
+            "volume %",
+            "closed",
+        ];
         let mut table = new_table(UTF8_FULL_CONDENSED, header.map(String::from).to_vec());
         for level in &spine.levels {
             let path = self.meshes.join(format!("{}.ply", level.level));

@@ -32,6 +32,12 @@ pub enum Error {
         /// The file.
         path: PathBuf,
     },
+    /// A plan was to go to standard output.
+    #[error(
+        "a plan is written to a file, whose name tells the format (.ron, .json, .mrk.json); --json - \
+         prints the result"
+    )]
+    PlanToStdout,
     /// A scheme that is neither known nor a file.
     #[error("the scheme {name:?} is neither verse nor totalsegmentator nor a .ron file")]
     UnknownScheme {

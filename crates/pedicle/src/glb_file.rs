@@ -102,12 +102,7 @@ struct Found<'a> {
 }
 
 impl Found<'_> {
-    fn add(
-        &mut self,
-        node: &Node<'_>,
-        above: &Matrix4<f64>,
-        depth: usize,
-    ) -> Result<(), GlbError> {
+    fn add(&mut self, node: &Node<'_>, above: &Matrix4<f64>, depth: usize) -> Result<(), GlbError> {
         let own: Matrix4<f32> = node.transform().matrix().into();
         let matrix = above * own.cast::<f64>();
         if let Some(mesh) = node.mesh() {
@@ -115,7 +110,7 @@ impl Found<'_> {
         }
         for child in node.children() {
             if depth >= MAX_DEPTH {
-                return Err(self.refused(0, "lies in a circle of nodes"));
+                return Err(refused(self.path, 0, "lies in a circle of nodes"));
             }
             self.add(&child, &matrix, depth + 1)?;
         }
@@ -123,7 +118,8 @@ impl Found<'_> {
     }
 
     fn add_mesh(&mut self, mesh: &gltf::Mesh<'_>, matrix: &Matrix4<f64>) -> Result<(), GlbError> {
-        let refused = |problem| self.refused(mesh.index(), problem);
+        let (path, blob) = (self.path, self.blob);
+        let refused = |problem| refused(path, mesh.index(), problem);
         for primitive in mesh.primitives() {
             if primitive.mode() != gltf::mesh::Mode::Triangles {
                 return Err(refused("has points, lines or strips, not triangles"));
@@ -133,7 +129,7 @@ impl Found<'_> {
                 .ok_or_else(|| refused("has no positions"))?;
             let is_vector = positions.dimensions() == Dimensions::Vec3
                 && positions.data_type() == DataType::F32;
-            if !is_vector || !self.is_inside(&positions) {
+            if !is_vector || !is_inside(&positions, blob) {
                 return Err(refused("has positions that are not in the file"));
             }
             let is_index = |i: &Accessor<'_>| {
@@ -141,15 +137,15 @@ impl Found<'_> {
                 i.dimensions() == Dimensions::Scalar && integers.contains(&i.data_type())
             };
             let indices = primitive.indices();
-            if !indices.is_none_or(|i| is_index(&i) && self.is_inside(&i)) {
+            if !indices.is_none_or(|i| is_index(&i) && is_inside(&i, blob)) {
                 return Err(refused("has indices that are not in the file"));
             }
-            let reader = primitive.reader(|_| Some(self.blob));
+            let reader = primitive.reader(|_| Some(blob));
             let positions = reader
                 .read_positions()
                 .ok_or_else(|| refused("has no positions"))?;
-            let first = u32::try_from(self.vertices.len())
-                .map_err(|_| refused("has too many vertices"))?;
+            let first =
+                u32::try_from(self.vertices.len()).map_err(|_| refused("has too many vertices"))?;
             let points: Vec<Point3<f64>> = positions
                 .map(|p| matrix.transform_point(&Point3::from(p.map(f64::from))))
                 .collect();
@@ -166,28 +162,31 @@ impl Found<'_> {
         }
         Ok(())
     }
+}
 
-    /// Whether all numbers of an accessor are in the file's own binary part.
-    fn is_inside(&self, accessor: &Accessor<'_>) -> bool {
-        let Some(view) = accessor.view() else {
-            return false;
-        };
-        let in_file = matches!(view.buffer().source(), gltf::buffer::Source::Bin);
-        let stride = view.stride().unwrap_or_else(|| accessor.size());
-        let end = (|| {
-            let last = stride.checked_mul(accessor.count().checked_sub(1)?)?;
-            let start = view.offset().checked_add(accessor.offset())?;
-            let in_view = accessor.offset().checked_add(last)?.checked_add(accessor.size())?;
-            (in_view <= view.length()).then_some(start.checked_add(last)?.checked_add(accessor.size())?)
-        })();
-        in_file && accessor.sparse().is_none() && end.is_some_and(|end| end <= self.blob.len())
-    }
+/// Whether all numbers of an accessor are in the file's own binary part.
+fn is_inside(accessor: &Accessor<'_>, blob: &[u8]) -> bool {
+    let Some(view) = accessor.view() else {
+        return false;
+    };
+    let in_file = matches!(view.buffer().source(), gltf::buffer::Source::Bin);
+    let stride = view.stride().unwrap_or_else(|| accessor.size());
+    let end = (|| {
+        let last = stride.checked_mul(accessor.count().checked_sub(1)?)?;
+        let start = view.offset().checked_add(accessor.offset())?;
+        let in_view = accessor
+            .offset()
+            .checked_add(last)?
+            .checked_add(accessor.size())?;
+        (in_view <= view.length()).then_some(start.checked_add(last)?.checked_add(accessor.size())?)
+    })();
+    in_file && accessor.sparse().is_none() && end.is_some_and(|end| end <= blob.len())
+}
 
-    fn refused(&self, mesh: usize, problem: &'static str) -> GlbError {
-        GlbError::Mesh {
-            path: self.path.to_owned(),
-            mesh,
-            problem,
-        }
+fn refused(path: &Path, mesh: usize, problem: &'static str) -> GlbError {
+    GlbError::Mesh {
+        path: path.to_owned(),
+        mesh,
+        problem,
     }
 }

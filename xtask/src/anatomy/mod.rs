@@ -54,7 +54,7 @@ pub(crate) struct Arguments {
 }
 
 /// Cell of the grid at which five vertebrae have more than 200 000 faces, mm.
-const TIMED_CELL_MM: f64 = 0.8;
+const TIMED_CELL_MM: f64 = 0.89;
 
 /// What is found in one spine.
 struct Found {

@@ -15,11 +15,7 @@ const RANGE_DEVIATIONS: f64 = 3.0;
 const ANGLE_REACH_DEG: f64 = 15.0;
 
 /// What is compared: its row of the published table, and how it is measured as surveys do it.
-type Measure = (
-    &'static MorphometryRow,
-    Range,
-    fn(&PedicleAnatomy) -> f64,
-);
+type Measure = (&'static MorphometryRow, Range, fn(&PedicleAnatomy) -> f64);
 
 /// How far from the mean a value may be.
 #[derive(Debug, Clone, Copy)]

@@ -5,8 +5,8 @@ use std::time::Instant;
 
 use pedicle_mesh::{TriMesh, WriteOptions, write_mesh};
 use pedicle_trajectory::{
-    CheckOptions, Level, PedicleOptions, Plan, Side, assess_plan, measure_spine,
-    read_plan, write_plan,
+    CheckOptions, Level, PedicleOptions, Plan, Side, assess_plan, measure_spine, read_plan,
+    write_plan,
 };
 
 use super::brute;
@@ -52,7 +52,7 @@ pub(super) fn run(name: &str, pairs: &[(Level, &TriMesh)]) -> Result<bool, Xtask
             CheckError::Anatomy(error) => anatomy(error),
             CheckError::Assess(error) => refused(error),
         })?;
-        if best.is_none_or(|best| parts.iter().sum::<f64>() < best.iter().sum()) {
+        if best.is_none_or(|best| parts.iter().sum::<f64>() < best.iter().sum::<f64>()) {
             best = Some(parts);
         }
     }

@@ -20,15 +20,15 @@ fn measured_pedicles_are_the_true_ones() {
         // The phantom's landmark is the upper corner of the dorsal border, the measured tip its middle.
         let tip = found.spinous_process_tip_mm.as_ref().unwrap();
         let below = truth.landmark - tip;
-        let (back, up) = (
-            below.dot(&found.frame.anterior),
-            below.dot(&found.frame.up),
-        );
+        let (back, up) = (below.dot(&found.frame.anterior), below.dot(&found.frame.up));
         let half_border = 0.5 * parameters.levels[found.level.index()].spinous_height_mm;
         let name = found.level;
         let aside = below.dot(&found.frame.left).abs();
         assert!(aside < 3.0, "{name}: the tip is {aside} mm off the middle");
-        assert!(back.abs() < 2.5, "{name}: the tip is {back} mm before the border");
+        assert!(
+            back.abs() < 2.5,
+            "{name}: the tip is {back} mm before the border"
+        );
         assert!(
             (0.0..=half_border + 1.0).contains(&up),
             "{name}: the tip is {up} mm below the corner of a border of {half_border} mm each way"
