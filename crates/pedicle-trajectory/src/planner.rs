@@ -9,7 +9,7 @@
 //! behind the pedicle, where a screw may show. From there the least depth itself is maximised, which
 //! is the clearance of any screw on that line. Then the thickest screw of the catalogue that fills no
 //! more than its share of the isthmus and keeps its clearance; for that screw, which may pass a facet
-//! joint nearer than a thicker one, the least depth is maximised once more. Lengths in mm.
+//! joint nearer than a thicker one, the clearance itself is maximised once more. Lengths in mm.
 
 use nalgebra::{Point3, Vector3};
 use pedicle_mesh::{SurfaceIndex, TriMesh};
@@ -375,8 +375,17 @@ impl<'a> Planner<'a> {
                 return f64::NEG_INFINITY;
             };
             let too_near = axis_distance_mm(&t, self.facets).map_or(0.0, |d| facet_mm - d);
+            // The clearance itself: depths beside the entry and the tip say less about it.
+            let options = CheckOptions {
+                station_spacing_mm: REFINE_STATIONS_MM,
+                ..CheckOptions::default()
+            };
+            let check = check_trajectory(&t, self.index, self.pedicle, self.frame, &options);
+            let Some(check) = check.ok().filter(|check| check.through_pedicle) else {
+                return f64::NEG_INFINITY;
+            };
             let axis = self.axis_of(v);
-            self.least_depth_between(&axis, t.entry_mm, t.tip_mm)
+            check.min_clearance_mm()
                 - LAST_PREFERENCE * self.unlikeliness_mm(&axis)
                 - FACET_FIRMNESS * too_near.max(0.0)
         };
@@ -570,6 +579,8 @@ const GRID_REACH: Place = [2.4, 3.6, 3.0, 3.0];
 const GRID_STEPS: usize = 5;
 /// How many of them become starts.
 const GRID_STARTS: usize = 4;
+/// Spacing of its stations, mm.
+const REFINE_STATIONS_MM: f64 = 1.0;
 /// First and last step of the last search.
 const REFINE_STEPS: (f64, f64) = (0.8, 0.02);
 /// Clearance worth giving up for a millimetre away from the facet joint.
