@@ -132,6 +132,46 @@ def label_maps():
     run("import", path, "-o", WORK / "spine-float", codes=(2,))
 
 
+# --- 3D Slicer's Markups: no released package reads .mrk.json, so its documented fields are read here ---
+
+MARKUP_TYPES = {"Fiducial", "Line", "Angle", "Curve", "ClosedCurve", "Plane", "ROI"}
+POINT_STATES = {"undefined", "preview", "defined"}
+
+
+def read_markups(path):
+    """The markups of a file, after every field that we write has the type that version 1.0.3 asks for."""
+    global N_CHECKS
+
+    def needs(holds, what):
+        if not holds:
+            sys.exit(f"{path.name}: {what}")
+
+    def refuse(word):
+        sys.exit(f"{path.name}: {word} is no JSON")
+
+    document = json.loads(path.read_text(), parse_constant=refuse)
+    schema = document["@schema"]
+    needs(schema.startswith("https://") and schema.endswith("markups-schema-v1.0.3.json#"), f"schema {schema}")
+    needs(isinstance(document["markups"], list) and document["markups"], "no markups")
+    for markup in document["markups"]:
+        needs(markup["type"] in MARKUP_TYPES, f"type {markup['type']}")
+        needs(isinstance(markup["name"], str), "a name that is no text")
+        needs(markup["coordinateSystem"] in {"LPS", "RAS"}, f"in {markup['coordinateSystem']}")
+        needs(markup["coordinateUnits"] == "mm", f"in {markup['coordinateUnits']}")
+        points = markup["controlPoints"]
+        needs(markup["type"] != "Line" or len(points) == 2, f"a line of {len(points)} points")
+        needs(len({point["id"] for point in points}) == len(points), "points that share an id")
+        for point in points:
+            for key in ("id", "label", "description"):
+                needs(isinstance(point.get(key, ""), str), f"{key} that is no text")
+            position = point["position"]
+            numbers = all(isinstance(x, (int, float)) and not isinstance(x, bool) for x in position)
+            needs(len(position) == 3 and numbers and np.isfinite(position).all(), f"position {position}")
+            needs(point["positionStatus"] in POINT_STATES, f"status {point['positionStatus']}")
+    N_CHECKS += 1
+    return document["markups"]
+
+
 # --- a transfer: SimpleITK, trimesh, meshio and VTK read what we write -----------------------
 
 
@@ -200,7 +240,16 @@ def transfers():
         corners = stl.points[stl.cells_dict["triangle"]]
         same(f"{level}.stl by meshio", corners, rounded[source.faces])
 
-    lines = json.loads((WORK / "moved.mrk.json").read_text())["markups"]
+    imported = WORK / "imported-glb"
+    files = [WORK / "moved" / f"{level}.glb" for level in LEVELS]
+    run("import", *files, "--frame", "RAS", "-o", imported)
+    for level in LEVELS:
+        ours = trimesh.load(imported / f"{level}.ply", process=False)
+        exact = trimesh.load(WORK / "moved" / f"{level}.ply", process=False)
+        same(f"{level}.glb by ourselves: vertices", ours.vertices, exact.vertices.astype(np.float32))
+        same(f"{level}.glb by ourselves: faces", ours.faces, exact.faces)
+
+    lines = read_markups(WORK / "moved.mrk.json")
     for line, t in zip(lines, transfer["trajectories"], strict=True):
         if (line["type"], line["coordinateSystem"]) != ("Line", "LPS"):
             sys.exit(f"moved.mrk.json: {line['type']} in {line['coordinateSystem']}")
@@ -230,13 +279,14 @@ def markups():
             expected = np.array(points[landmark["level"]]) * signs
             same(f"slicerio {system} {landmark['level']}", landmark["position_mm"], expected)
         run("convert", WORK / "ours.json", WORK / "back.mrk.json", "--force")
-        written = json.loads((WORK / "back.mrk.json").read_text())["markups"][0]
+        written = read_markups(WORK / "back.mrk.json")[0]
         for point in written["controlPoints"]:
             expected = np.array(points[point["label"]]) * signs * [-1.0, -1.0, 1.0]
             same(f"back {system} {point['label']}", point["position"], expected)
 
     plan = FIXTURES / "plan.ron"
     run("convert", plan, WORK / "plan.mrk.json", "--spine", FIXTURES)
+    read_markups(WORK / "plan.mrk.json")
     run("convert", WORK / "plan.mrk.json", WORK / "plan.json", "--spine", FIXTURES)
     run("convert", plan, WORK / "direct.json")
     if (WORK / "plan.json").read_bytes() != (WORK / "direct.json").read_bytes():
@@ -308,6 +358,8 @@ def theirs():
     left("meshio.obj", 1e-6)
     source.export(folder / "trimesh.ply")
     left("trimesh.ply", "f32")
+    source.export(folder / "trimesh.glb")
+    left("trimesh.glb", "f32")
     source.export(folder / "trimesh.obj")
     left("trimesh.obj", 1e-6)
     source.export(folder / "trimesh.off")

@@ -5,6 +5,7 @@ use std::process::Command;
 
 use clap::Args;
 use nalgebra::Point3;
+use pedicle::is_glb;
 use pedicle_mesh::{read_mesh, space_of};
 use serde::Deserialize;
 
@@ -129,15 +130,21 @@ fn check_theirs(work: &Path) -> Result<usize, XtaskError> {
         serde_json::from_str(&text).map_err(|error| refused(&list, error.to_string()))?;
     for file in &theirs.meshes {
         let path = work.join("theirs").join(&file.name);
-        let found = read_mesh(&path)?;
-        if found.mesh.faces() != theirs.faces {
+        let (mesh, comments) = if is_glb(&path) {
+            let mesh = pedicle::read_glb(&path).map_err(pedicle::Error::from)?;
+            (mesh, Vec::new())
+        } else {
+            let read = read_mesh(&path)?;
+            (read.mesh, read.comments)
+        };
+        if mesh.faces() != theirs.faces {
             return Err(refused(&path, "the faces differ".to_owned()));
         }
-        let n_found = found.mesh.n_vertices();
+        let n_found = mesh.n_vertices();
         if n_found != theirs.vertices.len() {
             return Err(refused(&path, format!("{n_found} vertices")));
         }
-        for (p, expected) in found.mesh.vertices().iter().zip(&theirs.vertices) {
+        for (p, expected) in mesh.vertices().iter().zip(&theirs.vertices) {
             let agrees = (0..3).all(|axis| match file.precision {
                 Precision::Absolute(most) => (p[axis] - expected[axis]).abs() <= most,
                 Precision::Single(Single::F32) => {
@@ -151,7 +158,7 @@ fn check_theirs(work: &Path) -> Result<usize, XtaskError> {
                 ));
             }
         }
-        let space = space_of(&found.comments).map(|space| space.name().to_owned());
+        let space = space_of(&comments).map(|space| space.name().to_owned());
         if space != file.space {
             return Err(refused(
                 &path,

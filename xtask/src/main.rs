@@ -7,6 +7,7 @@ mod ci;
 mod docs;
 mod error;
 mod exchange;
+mod import;
 mod measure;
 mod pairs;
 mod peers;
@@ -38,6 +39,7 @@ enum Command {
     BenchPeers(peers::Arguments),
     BenchRegistration(registration::Arguments),
     BenchAnatomy(anatomy::Arguments),
+    BenchImport(import::Arguments),
     Scaling(scaling::Arguments),
     CheckExchange(exchange::Arguments),
     MakePhantom(phantom::Arguments),
@@ -60,6 +62,7 @@ fn main() -> ExitCode {
         Command::BenchPeers(arguments) => arguments.run(),
         Command::BenchRegistration(arguments) => arguments.run(),
         Command::BenchAnatomy(arguments) => arguments.run(),
+        Command::BenchImport(arguments) => arguments.run(),
         Command::Scaling(arguments) => arguments.run(),
         Command::MeasurePair(arguments) => arguments.run(),
         Command::MeasureStage(arguments) => arguments.run(),

@@ -133,23 +133,45 @@ impl SurfaceIndex {
     /// answer then has an infinite `distance_mm`, which fails every test of nearness.
     #[must_use]
     pub fn closest_point(&self, query: &Point3<f64>) -> SurfacePoint {
+        self.nearest_below(query, f64::MAX).unwrap_or(SurfacePoint {
+            point: from_parry(self.triangles[0].a),
+            face: self.face_of_triangle[0],
+            distance_mm: f64::INFINITY,
+            normal: self.normals[0],
+        })
+    }
+
+    /// The surface point closest to `query`, if it is at most `max_distance_mm` away: much faster
+    /// than [`SurfaceIndex::closest_point`] where most queries are further off.
+    ///
+    /// `None` for a query or a limit that is NaN.
+    #[must_use]
+    pub fn closest_point_within(
+        &self,
+        query: &Point3<f64>,
+        max_distance_mm: f64,
+    ) -> Option<SurfacePoint> {
+        // The search wants distances below its limit; ours may lie on it.
+        self.nearest_below(query, max_distance_mm.next_up().min(f64::MAX))
+            .filter(|found| found.distance_mm <= max_distance_mm)
+    }
+
+    fn nearest_below(&self, query: &Point3<f64>, limit: f64) -> Option<SurfacePoint> {
         let q = to_parry(query);
-        let best = self.tree.find_best(
-            f64::MAX,
+        let (triangle, (distance_mm, point)) = self.tree.find_best(
+            limit,
             |node, _| node.aabb().distance_to_local_point(q, true),
             |leaf, _| {
                 let projected = self.triangles[leaf as usize].project_local_point(q, true);
                 Some((projected.point.distance(q), projected.point))
             },
-        );
-        let (triangle, (distance_mm, point)) =
-            best.unwrap_or((0, (f64::INFINITY, self.triangles[0].a)));
-        SurfacePoint {
+        )?;
+        Some(SurfacePoint {
             point: from_parry(point),
             face: self.face_of_triangle[triangle as usize],
             distance_mm,
             normal: self.normals[triangle as usize],
-        }
+        })
     }
 
     /// The first face that the ray meets within `max_distance_mm`, from either side.

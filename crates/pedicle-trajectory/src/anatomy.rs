@@ -5,18 +5,20 @@
 //! ```
 //!
 //! a unit axis of the pedicle, from behind to the front; the frame is that of the vertebra itself
-//! ([`anatomical_frames`]), so the sagittal angle is against its own end plates. What a shape does
+//! ([`anatomical_frames`](crate::anatomical_frames)), so the sagittal angle is against its own end plates. What a shape does
 //! not allow is an error of that part alone; what looks wrong is a [`Doubt`]. Lengths in mm.
 
 use nalgebra::{Point3, Vector3};
 use pedicle_mesh::{SurfaceIndex, TriMesh, boundary_loops};
+use rayon::prelude::*;
 
 use crate::body::Body;
+use crate::frame::frames_and_surfaces;
 use crate::isthmus::MIN_NECK_MM;
 use crate::pedicle::pedicle_with_isthmus;
 use crate::{
     AnatomicalFrame, AnatomyError, Confidence, Doubt, Level, Pedicle, PedicleOptions, Side,
-    anatomical_frames, spinous_process_tip,
+    spinous_process_tip,
 };
 
 /// Size of a vertebral body, from the section in the mirror plane.
@@ -55,6 +57,11 @@ pub struct PedicleAnatomy {
     pub pedicle: Pedicle,
     /// The contour of the isthmus, mm; the last point joins the first.
     pub isthmus_contour_mm: Vec<Point3<f64>>,
+    /// Through the centroid of the isthmus from side to side, mm: the width of surveys, which do not
+    /// follow an isthmus that leans.
+    pub mediolateral_chord_mm: f64,
+    /// Through the centroid at right angles to that, mm: the height of surveys.
+    pub upright_chord_mm: f64,
     /// Length around the isthmus along which sections are at most 10 % larger, mm.
     pub neck_mm: f64,
     /// Angle of the axis with the sagittal plane, radians; positive: converges to the front.
@@ -131,30 +138,27 @@ const DISC_SPOTS: [f64; 3] = [-0.4, 0.0, 0.4];
 /// Measures every vertebra of a spine.
 ///
 /// # Errors
-/// [`AnatomyError`] if the spine has no directions ([`anatomical_frames`]) or a surface cannot be
+/// [`AnatomyError`] if the spine has no directions ([`crate::anatomical_frames`]) or a surface cannot be
 /// searched. What is missing in one vertebra is an error of that part.
 pub fn measure_spine(
     vertebrae: &[(Level, &TriMesh)],
     options: &PedicleOptions,
 ) -> Result<Vec<VertebraAnatomy>, AnatomyError> {
-    let frames = anatomical_frames(vertebrae)?;
-    let mut found = vertebrae
-        .iter()
-        .zip(frames)
-        .map(|((level, mesh), frame)| measure_vertebra(*level, mesh, frame, options))
-        .collect::<Result<Vec<_>, _>>()?;
+    let mut found: Vec<VertebraAnatomy> = vertebrae
+        .par_iter()
+        .zip(frames_and_surfaces(vertebrae)?)
+        .map(|(vertebra, directed)| measure_vertebra(vertebra, directed, options))
+        .collect();
     compare_heights(&mut found);
     find_fused(&mut found);
     Ok(found)
 }
 
 fn measure_vertebra(
-    level: Level,
-    mesh: &TriMesh,
-    frame: AnatomicalFrame,
+    &(level, mesh): &(Level, &TriMesh),
+    (frame, surface): (AnatomicalFrame, SurfaceIndex),
     options: &PedicleOptions,
-) -> Result<VertebraAnatomy, AnatomyError> {
-    let surface = SurfaceIndex::new(mesh)?;
+) -> VertebraAnatomy {
     let mut doubts = Vec::new();
     let n_rims = boundary_loops(mesh).len();
     if n_rims > 0 {
@@ -168,8 +172,10 @@ fn measure_vertebra(
     if let Ok(body) = &body {
         doubts.extend(collapsed(body));
     }
-    let pedicles = Side::ALL.map(|side| {
-        let (pedicle, isthmus) = pedicle_with_isthmus(mesh, &surface, &frame, side, options)?;
+    let found = |side| pedicle_with_isthmus(mesh, &surface, &frame, side, options);
+    let (left, right) = rayon::join(|| found(Side::Left), || found(Side::Right));
+    let pedicles = [(Side::Left, left), (Side::Right, right)].map(|(side, found)| {
+        let (pedicle, isthmus) = found?;
         let isthmus = isthmus.ok_or(AnatomyError::NoPedicle {
             side,
             reason: "no closed section lies around its narrowest place",
@@ -184,7 +190,7 @@ fn measure_vertebra(
     });
     doubts.extend(pedicle_doubts(&pedicles));
     let canal = section.and_then(|body| canal_anatomy(&body, &pedicles, &surface, &frame));
-    Ok(VertebraAnatomy {
+    VertebraAnatomy {
         level,
         frame,
         body,
@@ -193,7 +199,7 @@ fn measure_vertebra(
         spinous_process_tip_mm: spinous_process_tip(mesh, &frame),
         doubts,
         surface,
-    })
+    }
 }
 
 fn body_anatomy(body: &Body, surface: &SurfaceIndex, frame: &AnatomicalFrame) -> BodyAnatomy {
@@ -235,9 +241,18 @@ fn pedicle_anatomy(
     let behind = wall(-axis, "its axis meets no cortex behind")?;
     let ahead = wall(axis, "its axis meets no cortex in front")?;
     let medial = -frame.left * pedicle.side.sign();
+    let aside = frame.left - axis * axis.dot(&frame.left);
+    let chord = |direction: Vector3<f64>| {
+        let reason = "its isthmus is open";
+        let there = wall(direction, reason)?.distance_mm;
+        let back = wall(-direction, reason)?.distance_mm;
+        Ok::<f64, AnatomyError>(there + back)
+    };
     Ok(PedicleAnatomy {
         pedicle: *pedicle,
         isthmus_contour_mm: Vec::new(),
+        mediolateral_chord_mm: chord(aside)?,
+        upright_chord_mm: chord(axis.cross(&aside))?,
         neck_mm: 0.0,
         transverse_angle_rad: axis.dot(&medial).atan2(axis.dot(&frame.anterior)),
         sagittal_angle_rad: axis.dot(&frame.up).clamp(-1.0, 1.0).asin(),

@@ -4,8 +4,11 @@
 //! ([`Grade`]). A screw whose axis passes its isthmus by more than the width or the height of the
 //! pedicle is in other bone or in none: grade E whatever it touches. Lengths in mm.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use nalgebra::{Point3, Vector3};
 use pedicle_mesh::TriMesh;
+use rayon::prelude::*;
 
 use crate::facets::{FacetViolation, articular_points};
 use crate::{
@@ -128,10 +131,19 @@ pub fn assess_plan(
         vertebra(spine, t)?;
     }
     refuse_other_frame(spine, plan)?;
-    plan.trajectories
-        .iter()
-        .map(|t| assess(spine, meshes, plan, (t, options)))
-        .collect()
+    let levels: BTreeSet<Level> = plan.trajectories.iter().map(|t| t.level).collect();
+    let levels: Vec<Level> = levels.into_iter().collect();
+    let facets: BTreeMap<Level, Vec<Point3<f64>>> = levels
+        .par_iter()
+        .map(|&level| (level, facet_points(spine, meshes, level)))
+        .collect();
+    let reports: Vec<Result<ScrewReport, AssessError>> = plan
+        .trajectories
+        .par_iter()
+        .map(|t| assess(spine, &facets[&t.level], plan, (t, options)))
+        .collect();
+    // The first error in the order of the plan, whichever came first in time.
+    reports.into_iter().collect()
 }
 
 fn vertebra<'a>(
@@ -147,7 +159,7 @@ fn vertebra<'a>(
 
 fn assess(
     spine: &[VertebraAnatomy],
-    meshes: &[(Level, &TriMesh)],
+    facet_points: &[Point3<f64>],
     plan: &Plan,
     (t, options): (&Trajectory, &CheckOptions),
 ) -> Result<ScrewReport, AssessError> {
@@ -166,7 +178,6 @@ fn assess(
             source,
         }
     })?;
-    let points = facet_points(spine, meshes, level);
     let tip_to_cortex_mm = v
         .surface
         .contains(&t.tip_mm)
@@ -179,7 +190,7 @@ fn assess(
         canal_intrusion_mm: canal_intrusion_mm(&check),
         fill: t.diameter_mm / pedicle.narrowest_mm,
         tip_to_cortex_mm,
-        facet: FacetViolation::of(t, &points),
+        facet: FacetViolation::of(t, facet_points),
         skipped_entry_mm: options.ignored_entry_depth_mm,
         nearest_screw: nearest_screw(plan, t),
         check,

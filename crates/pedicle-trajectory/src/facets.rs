@@ -29,14 +29,14 @@ pub struct FacetViolation {
 /// space together are about 2 to 4 mm.
 const JOINT_GAP_MM: f64 = 3.5;
 /// A wall nearer to the articular surface than this is in the facet, mm.
-const FACET_MM: f64 = 1.0;
+pub(crate) const FACET_MM: f64 = 1.0;
 
 /// The vertices of a vertebra that face the one above across a facet joint, mm.
 #[must_use]
 pub fn articular_points(own: &TriMesh, above: &SurfaceIndex) -> Vec<Point3<f64>> {
     own.vertices()
         .iter()
-        .filter(|p| above.closest_point(p).distance_mm <= JOINT_GAP_MM)
+        .filter(|p| above.closest_point_within(p, JOINT_GAP_MM).is_some())
         .copied()
         .collect()
 }
@@ -54,7 +54,9 @@ pub(crate) fn axis_distance_mm(screw: &Trajectory, points: &[Point3<f64>]) -> Op
 }
 
 impl FacetViolation {
-    pub(crate) fn of(screw: &Trajectory, points: &[Point3<f64>]) -> Self {
+    /// The grade of a screw beside the articular points of its vertebra ([`articular_points`]).
+    #[must_use]
+    pub fn of(screw: &Trajectory, points: &[Point3<f64>]) -> Self {
         let Some(axis_mm) = axis_distance_mm(screw, points) else {
             return Self {
                 grade: 0,

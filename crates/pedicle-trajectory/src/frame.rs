@@ -18,6 +18,7 @@
 
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 use pedicle_mesh::{SurfaceIndex, TriMesh};
+use rayon::prelude::*;
 
 use crate::{AnatomyError, Level};
 
@@ -85,9 +86,17 @@ impl AnatomicalFrame {
 pub fn anatomical_frames(
     vertebrae: &[(Level, &TriMesh)],
 ) -> Result<Vec<AnatomicalFrame>, AnatomyError> {
+    let found = frames_and_surfaces(vertebrae)?;
+    Ok(found.into_iter().map(|(frame, _)| frame).collect())
+}
+
+/// The frames, each with the index of its surface.
+pub(crate) fn frames_and_surfaces(
+    vertebrae: &[(Level, &TriMesh)],
+) -> Result<Vec<(AnatomicalFrame, SurfaceIndex)>, AnatomyError> {
     let ups = chain_tangents(vertebrae)?;
     let samples: Vec<Samples> = vertebrae
-        .iter()
+        .par_iter()
         .map(|(_, mesh)| Samples::new(mesh))
         .collect();
     let mut forward = Vector3::zeros();
@@ -95,20 +104,28 @@ pub fn anatomical_frames(
         let vote = unit_perpendicular(sample.volume_offset, *up);
         forward += vote.unwrap_or_else(Vector3::zeros);
     }
-    let mut frames = Vec::with_capacity(vertebrae.len());
-    for (((_, mesh), sample), up) in vertebrae.iter().zip(&samples).zip(ups) {
-        let coarse = AnatomicalFrame::new(sample.centroid, forward, up)?;
-        let index = SurfaceIndex::new(mesh)?;
-        let mirrored = mirror_refined(coarse, sample, &index)?;
-        frames.push(end_plate_refined(mirrored, sample)?);
-    }
-    Ok(frames)
+    let found: Vec<Result<_, AnatomyError>> = vertebrae
+        .par_iter()
+        .zip(&samples)
+        .zip(ups)
+        .map(|(((_, mesh), sample), up)| {
+            let coarse = AnatomicalFrame::new(sample.centroid, forward, up)?;
+            let index = SurfaceIndex::new(mesh)?;
+            let mirrored = mirror_refined(coarse, sample, &index)?;
+            Ok((end_plate_refined(mirrored, sample)?, index))
+        })
+        .collect();
+    // The first error in the order given, whichever came first in time.
+    found.into_iter().collect()
 }
 
-/// The top of the spinous process: the most posterior vertices near the mirror plane, averaged
-/// and brought back onto the nearest of the vertices.
+/// The tip of the spinous process: the middle of its dorsal border, which is what a finger or a pointer
+/// meets first in a prone patient.
 ///
-/// The average over the few last millimetres keeps a single spike from deciding.
+/// The vertices near the mirror plane that reach furthest back are averaged, and the nearest of them
+/// is taken. The border of a lumbar process is a ridge of 10 to 25 mm, nearly upright, so its upper and
+/// its lower corner lie as far back as its middle to a millimetre or two; the average over the last
+/// millimetres keeps a small tilt of the axes, or a single spike, from moving the tip along the ridge.
 ///
 /// # Errors
 /// [`AnatomyError::NoSpinousProcess`] if no vertex lies near the mirror plane.
@@ -259,13 +276,19 @@ fn mirror_refined(
     let stride = samples.points.len().div_ceil(MIRROR_SAMPLES).max(1);
     let chosen: Vec<usize> = (0..samples.points.len()).step_by(stride).collect();
     let (mut normal, mut origin) = (coarse.left, coarse.origin);
+    let mut last: Vec<Option<Point3<f64>>> = vec![None; chosen.len()];
     for _ in 0..MIRROR_STEPS {
         let mut pairs: Vec<(f64, usize, Point3<f64>)> = chosen
             .iter()
-            .map(|&i| {
+            .zip(&mut last)
+            .map(|(&i, last)| {
                 let p = samples.points[i];
                 let mirrored = p - normal * (2.0 * normal.dot(&(p - origin)));
-                let found = index.closest_point(&mirrored);
+                // No further than what was closest before the plane moved.
+                let found = last
+                    .and_then(|q| index.closest_point_within(&mirrored, (mirrored - q).norm()))
+                    .unwrap_or_else(|| index.closest_point(&mirrored));
+                *last = Some(found.point);
                 (found.distance_mm, i, found.point)
             })
             .collect();

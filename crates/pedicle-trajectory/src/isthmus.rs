@@ -10,10 +10,12 @@
 //! sections hardly grow. Where the neck is short, as in most real pedicles, centroids follow the
 //! parts that merge there and not the pedicle, so the first axis is kept. Lengths in mm.
 
+use std::cell::OnceCell;
+
 use nalgebra::{Matrix3, Point2, Point3, Vector3};
 use pedicle_mesh::TriMesh;
 
-use crate::section::{Contour, Plane, contour_around, section};
+use crate::section::{Contour, Plane, Slicer, contour_around};
 
 /// Spacing of the sections whose areas are compared, mm.
 const SPACING_MM: f64 = 0.25;
@@ -58,9 +60,9 @@ impl Isthmus {
 
 impl Section {
     /// The section around a point, perpendicular to an axis.
-    fn at(mesh: &TriMesh, p: Point3<f64>, axis: Vector3<f64>, x: Vector3<f64>) -> Option<Self> {
+    fn at(slicer: &Slicer, p: Point3<f64>, axis: Vector3<f64>, x: Vector3<f64>) -> Option<Self> {
         let plane = Plane::new(p, axis, x)?;
-        let contours = section(mesh, &plane);
+        let contours = slicer.section(&plane);
         let contour = contour_around(&contours, &Point2::origin())?.clone();
         let center = contour.centroid()?;
         Some(Self {
@@ -127,10 +129,11 @@ fn step(from: Vector3<f64>, to: Vector3<f64>) -> Vector3<f64> {
 fn axis_of_centers(mesh: &TriMesh, isthmus: &Section, x: Vector3<f64>) -> Option<Vector3<f64>> {
     let normal = isthmus.plane.normal();
     let middle = isthmus.center_mm();
+    let slicer = Slicer::new(mesh, middle, normal, (-AXIS_REACH_MM, AXIS_REACH_MM));
     let (mut slope, mut weight) = (Vector3::zeros(), 0.0);
     for k in -AXIS_SECTIONS..=AXIS_SECTIONS {
         let t = f64::from(k) / f64::from(AXIS_SECTIONS) * AXIS_REACH_MM;
-        if let Some(section) = Section::at(mesh, middle + normal * t, normal, x) {
+        if let Some(section) = Section::at(&slicer, middle + normal * t, normal, x) {
             let offset = section.center_mm() - middle;
             slope += (offset - normal * offset.dot(&normal)) * t;
             weight += t * t;
@@ -146,14 +149,17 @@ fn narrowest(
     axis: Vector3<f64>,
     x: Vector3<f64>,
 ) -> Option<Isthmus> {
-    let at = |t: f64| Section::at(mesh, near + axis * t, axis, x);
+    let reach = f64::from(SEARCH_SECTIONS + FIT_SECTIONS) * SPACING_MM;
+    let slicer = Slicer::new(mesh, near, axis, (-reach, reach));
+    let at = |t: f64| Section::at(&slicer, near + axis * t, axis, x);
     let area = |k: i32| at(f64::from(k) * SPACING_MM).map(|s| s.contour.area());
-    let areas: Vec<Option<f64>> = (-SEARCH_SECTIONS..=SEARCH_SECTIONS).map(area).collect();
-    // Walk downhill: another narrow place further off is another part of the bone.
+    let areas = vec![OnceCell::new(); 2 * SEARCH_SECTIONS as usize + 1];
+    // Only what is asked for is cut.
     let area_at = |k: i32| {
         let index = usize::try_from(k + SEARCH_SECTIONS).ok()?;
-        areas.get(index).copied().flatten()
+        *areas.get(index)?.get_or_init(|| area(k))
     };
+    // Walk downhill: another narrow place further off is another part of the bone.
     let mut k = 0;
     area_at(k)?;
     loop {

@@ -10,14 +10,16 @@
 //! of the depth d below the surface at points x_i along it. Sections perpendicular to the axis
 //! are then closed contours; the one with the smallest area is the isthmus. Lengths in mm, k in 1/mm.
 
+use std::cell::Cell;
+
 use nalgebra::{Point2, Point3, Vector2, Vector3};
 use pedicle_mesh::{SurfaceIndex, TriMesh};
 
 use crate::body::Body;
-use crate::depth::depth_mm;
+use crate::depth::{depth_mm, depth_near_mm};
 use crate::isthmus::{Isthmus, Section, refined_isthmus};
 use crate::search::climb;
-use crate::section::{Contour, Plane, contour_around, section};
+use crate::section::{Contour, Plane, Slicer, contour_around, section};
 use crate::{AnatomicalFrame, AnatomyError, Side};
 
 /// How a pedicle is measured.
@@ -229,6 +231,8 @@ const LINE_POINTS: usize = 16;
 const SOFTNESS_PER_MM: f64 = 1.0;
 /// Medial slopes from which the search starts.
 const START_SLOPES: [f64; 3] = [0.1, 0.3, 0.5];
+/// Rounding of a sum that cuts a score short.
+const HOPELESS_MARGIN: f64 = 1e-9;
 /// First and last step of the search, mm.
 const SEARCH_STEPS_MM: (f64, f64) = (3.0, 0.05);
 
@@ -244,16 +248,31 @@ fn deepest_line(
         back: frame.point(v[0], back, v[1]),
         front: frame.point(v[2], front, v[3]),
     };
+    let walls = Cell::new([None; LINE_POINTS]);
+    let best_so_far = Cell::new(f64::NEG_INFINITY);
     let score = |v: &[f64; 4]| {
         let line = line_of(v);
-        let terms = (0..LINE_POINTS).map(|i| {
-            let t = i as f64 / (LINE_POINTS - 1) as f64;
-            let depth = depth_mm(index, &(line.back + (line.front - line.back) * t));
-            (-SOFTNESS_PER_MM * depth).exp()
-        });
         let slope = (v[3] - v[1]) / (front - back);
-        -(terms.sum::<f64>() / LINE_POINTS as f64).ln() / SOFTNESS_PER_MM
-            - SLOPE_PENALTY_MM * slope * slope
+        let penalty = SLOPE_PENALTY_MM * slope * slope;
+        // Terms only add up: from this sum on, the line cannot be better than the best so far.
+        let hopeless = LINE_POINTS as f64
+            * (-SOFTNESS_PER_MM * (best_so_far.get() + penalty)).exp()
+            * (1.0 + HOPELESS_MARGIN);
+        // Lines of a search lie close to each other, and so do the walls next to them.
+        let mut near = walls.get();
+        let mut sum = 0.0;
+        for (i, wall) in near.iter_mut().enumerate() {
+            let t = i as f64 / (LINE_POINTS - 1) as f64;
+            let depth = depth_near_mm(index, &(line.back + (line.front - line.back) * t), wall);
+            sum += (-SOFTNESS_PER_MM * depth).exp();
+            if sum > hopeless {
+                return f64::NEG_INFINITY;
+            }
+        }
+        walls.set(near);
+        let value = -(sum / LINE_POINTS as f64).ln() / SOFTNESS_PER_MM - penalty;
+        best_so_far.set(value.max(best_so_far.get()));
+        value
     };
     let mut best: Option<(f64, [f64; 4])> = None;
     for slope in START_SLOPES {
@@ -264,6 +283,7 @@ fn deepest_line(
             seed.x + medial * (front - seed.y),
             seed.z,
         ];
+        best_so_far.set(f64::NEG_INFINITY);
         let (value, v) = climb(start, SEARCH_STEPS_MM, score);
         if best.is_none_or(|(b, _)| value > b) {
             best = Some((value, v));
@@ -324,13 +344,15 @@ impl Profile {
         let length = options.behind_wall_mm + options.inside_body_mm;
         let spacing = options.section_spacing_mm.max(MIN_SPACING_MM);
         let n = ((length / spacing) as usize).min(MAX_SLICES);
+        let reach = (-options.behind_wall_mm, options.inside_body_mm);
+        let slicer = Slicer::new(mesh, wall, axis, reach);
         let mut slices = Vec::new();
         for k in 0..=n {
             let at_mm = k as f64 * spacing - options.behind_wall_mm;
             let Some(plane) = Plane::new(wall + axis * at_mm, axis, frame.left) else {
                 continue;
             };
-            let contours = section(mesh, &plane);
+            let contours = slicer.section(&plane);
             let Some(contour) = contour_around(&contours, &Point2::origin()) else {
                 continue;
             };

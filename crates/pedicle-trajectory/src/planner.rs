@@ -8,14 +8,15 @@
 //! isthmus; d depth below the surface at points x_i from behind the pedicle to the tip, w_i small
 //! behind the pedicle, where a screw may show. From there the least depth itself is maximised, which
 //! is the clearance of any screw on that line. Then the thickest screw of the catalogue that fills no
-//! more than its share of the isthmus and keeps its clearance. Lengths in mm.
+//! more than its share of the isthmus and keeps its clearance; for that screw, which may pass a facet
+//! joint nearer than a thicker one, the clearance itself is maximised once more. Lengths in mm.
 
 use nalgebra::{Point3, Vector3};
 use pedicle_mesh::{SurfaceIndex, TriMesh};
 
 use crate::check::{CheckOptions, TrajectoryCheck, check_trajectory};
 use crate::depth::depth_mm;
-use crate::facets::FacetViolation;
+use crate::facets::{FACET_MM, FacetViolation, axis_distance_mm};
 use crate::search::climb;
 use crate::{
     AnatomicalFrame, AnatomyError, Level, Pedicle, PedicleOptions, Plan, Side, Trajectory,
@@ -166,7 +167,7 @@ pub fn plan_pedicle(
         level,
         facets: &[],
     };
-    plan_site(&site, options)
+    Ok(plan_site(&site, options)?.0)
 }
 
 /// A pedicle with all that bounds a screw in it.
@@ -180,20 +181,27 @@ pub(crate) struct Site<'a> {
     pub(crate) facets: &'a [Point3<f64>],
 }
 
-/// Plans one screw at a site.
+/// Where an axis runs: offsets in the isthmus along width and height, mm; slopes medially and upwards
+/// in units of `SLOPE_UNIT`.
+pub(crate) type Place = [f64; 4];
+
+/// The screw at a site with the most clearance among those of its diameter and length.
+pub(crate) fn refine_at_site(
+    site: &Site<'_>,
+    options: &PlannerOptions,
+    (screw, place): (Trajectory, Place),
+) -> Trajectory {
+    Planner::new(site, options).refined(screw, place)
+}
+
+/// Plans one screw at a site; also where its axis runs.
 pub(crate) fn plan_site(
     site: &Site<'_>,
     options: &PlannerOptions,
-) -> Result<Trajectory, PlannerError> {
+) -> Result<(Trajectory, Place), PlannerError> {
     let Site { pedicle, level, .. } = *site;
     let side = pedicle.side;
-    let planner = Planner {
-        index: site.index,
-        pedicle,
-        frame: site.frame,
-        facets: site.facets,
-        options,
-    };
+    let planner = Planner::new(site, options);
     let mut diameters: Vec<f64> = options.diameters_mm.clone();
     diameters.retain(|d| *d > 0.0 && *d <= crate::MAX_DIAMETER_MM);
     diameters.sort_by(f64::total_cmp);
@@ -202,7 +210,8 @@ pub(crate) fn plan_site(
             n_diameters: options.diameters_mm.len(),
         });
     };
-    let line = planner.best_line();
+    let place = planner.best_line();
+    let line = planner.axis_of(&place);
     let no_room = |what| PlannerError::NoRoom { level, side, what };
     let (entry_mm, tip_mm) = planner.ends(&line).map_err(no_room)?;
     let tip_mm = planner.stocked_tip(entry_mm, tip_mm).map_err(no_room)?;
@@ -230,12 +239,12 @@ pub(crate) fn plan_site(
         .find(clear)
         .or_else(|| thickest.clone().find(fits))
     {
-        return Ok(with(diameter));
+        return Ok((with(diameter), place));
     }
     let check = planner.check(&with(thinnest));
     let inside = check.as_ref().is_some_and(|c| c.valid);
     if inside && options.narrow_pedicle == NarrowPedicle::TakeThinnest {
-        return Ok(with(thinnest));
+        return Ok((with(thinnest), place));
     }
     Err(PlannerError::TooNarrow {
         level,
@@ -296,7 +305,17 @@ const MAX_WAY_BACK_MM: f64 = 40.0;
 /// Part of the way behind the pedicle in which the depth does not count, mm.
 const ENTRY_MM: f64 = 4.0;
 
-impl Planner<'_> {
+impl<'a> Planner<'a> {
+    fn new(site: &Site<'a>, options: &'a PlannerOptions) -> Self {
+        Self {
+            index: site.index,
+            pedicle: site.pedicle,
+            frame: site.frame,
+            facets: site.facets,
+            options,
+        }
+    }
+
     fn check(&self, trajectory: &Trajectory) -> Option<TrajectoryCheck> {
         let options = CheckOptions::default();
         check_trajectory(trajectory, self.index, self.pedicle, self.frame, &options).ok()
@@ -306,8 +325,7 @@ impl Planner<'_> {
         -self.frame.left * self.pedicle.side.sign()
     }
 
-    /// Offsets in the isthmus along width and height, mm; slopes medially and upwards.
-    fn axis_of(&self, v: &[f64; 4]) -> Axis {
+    fn axis_of(&self, v: &Place) -> Axis {
         let pedicle = self.pedicle;
         let height_direction = pedicle.axis.cross(&pedicle.width_direction);
         let direction = pedicle.axis
@@ -321,7 +339,7 @@ impl Planner<'_> {
         }
     }
 
-    fn best_line(&self) -> Axis {
+    fn best_line(&self) -> Place {
         // A soft score leads to the right valley, a sharp one to its bottom.
         let mut best: Option<(f64, [f64; 4])> = None;
         for convergence in START_CONVERGENCES {
@@ -334,7 +352,75 @@ impl Planner<'_> {
         let near = best.map_or([0.0; 4], |(_, v)| v);
         let (_, v) = climb(near, FINE_STEPS, |v| self.score(&self.axis_of(v), SHARP));
         let (value, last) = climb(v, LAST_STEPS, |v| self.least_depth(&self.axis_of(v)));
-        self.axis_of(if value.is_finite() { &last } else { &v })
+        if value.is_finite() { last } else { v }
+    }
+
+    /// The screw of this diameter and length on the line near `place` where it has the most clearance
+    /// without being nearer to a facet joint than it has to; the screw itself if there is none.
+    fn refined(&self, screw: Trajectory, place: Place) -> Trajectory {
+        let facet_mm = 0.5 * screw.diameter_mm + FACET_MM + FACET_SPARE_MM;
+        let on_line = |v: &[f64; 4]| {
+            let axis = self.axis_of(v);
+            let (entry, tip) = self.ends(&axis).ok()?;
+            let fits = (tip - entry).norm() + LENGTH_TOLERANCE_MM >= screw.length_mm();
+            let tip_mm = entry + axis.direction * screw.length_mm();
+            fits.then_some(Trajectory {
+                entry_mm: entry,
+                tip_mm,
+                ..screw
+            })
+        };
+        let score = |v: &[f64; 4]| {
+            let Some(t) = on_line(v) else {
+                return f64::NEG_INFINITY;
+            };
+            let too_near = axis_distance_mm(&t, self.facets).map_or(0.0, |d| facet_mm - d);
+            // The clearance itself: depths beside the entry and the tip say less about it.
+            let options = CheckOptions {
+                station_spacing_mm: REFINE_STATIONS_MM,
+                ..CheckOptions::default()
+            };
+            let check = check_trajectory(&t, self.index, self.pedicle, self.frame, &options);
+            let Some(check) = check.ok().filter(|check| check.through_pedicle) else {
+                return f64::NEG_INFINITY;
+            };
+            let axis = self.axis_of(v);
+            check.min_clearance_mm()
+                - LAST_PREFERENCE * self.unlikeliness_mm(&axis)
+                - FACET_FIRMNESS * too_near.max(0.0)
+        };
+        let clearance = |t: &Trajectory| {
+            let check = self.check(t).filter(|check| check.valid)?;
+            let facet = FacetViolation::of(t, self.facets).grade;
+            Some((facet, check.min_clearance_mm()))
+        };
+        // A body and a wide pedicle leave several lines from which no small step is better.
+        let mut grid: Vec<(f64, Place)> = (0..GRID_STEPS.pow(4))
+            .map(|k| {
+                let at = std::array::from_fn(|i| {
+                    let digit = k / GRID_STEPS.pow(i as u32) % GRID_STEPS;
+                    GRID_REACH[i] * (2.0 * digit as f64 / (GRID_STEPS - 1) as f64 - 1.0)
+                });
+                (score(&at), at)
+            })
+            .collect();
+        grid.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let starts = grid.iter().take(GRID_STARTS).map(|(_, at)| *at);
+        let mut best = screw;
+        for start in std::iter::once(place).chain(starts) {
+            let (_, found) = climb(start, REFINE_STEPS, score);
+            let Some(t) = on_line(&found) else { continue };
+            let is_better = match (clearance(&t), clearance(&best)) {
+                (Some((facet, clear)), Some((best_facet, best_clear))) => {
+                    facet <= best_facet && clear > best_clear
+                }
+                (found, _) => found.is_some(),
+            };
+            if is_better {
+                best = t;
+            }
+        }
+        best
     }
 
     /// The least depth along the judged part of an axis, mm, with slight preferences.
@@ -342,6 +428,13 @@ impl Planner<'_> {
         let Ok((entry, tip)) = self.ends(axis) else {
             return f64::NEG_INFINITY;
         };
+        self.least_depth_between(axis, entry, tip)
+            - LAST_PREFERENCE * self.unlikeliness_mm(axis)
+            - self.shortcomings(axis, entry, tip)
+    }
+
+    /// The least depth along the judged part of an axis between entry and tip, mm.
+    fn least_depth_between(&self, axis: &Axis, entry: Point3<f64>, tip: Point3<f64>) -> f64 {
         let check = CheckOptions::default();
         let back = (entry - axis.at_isthmus).norm();
         let ahead = (tip - axis.at_isthmus).norm();
@@ -351,11 +444,10 @@ impl Planner<'_> {
         // What lies in front of the tip is not beside the screw.
         let end = (ahead - self.options.tip_margin_mm).max(0.0);
         let n = ((end - start) / DEPTH_SPACING_MM).ceil().max(1.0);
-        let least = (0..=n as usize)
+        (0..=n as usize)
             .map(|k| start + (end - start) * k as f64 / n)
             .map(|s| depth_mm(self.index, &(axis.at_isthmus + axis.direction * s)))
-            .fold(f64::INFINITY, f64::min);
-        least - LAST_PREFERENCE * self.unlikeliness_mm(axis) - self.shortcomings(axis, entry, tip)
+            .fold(f64::INFINITY, f64::min)
     }
 
     /// What slopes against the end plates and turns from the pedicle's axis have to gain, mm.
@@ -476,6 +568,21 @@ const LAST_PREFERENCE: f64 = 0.05;
 /// An axis keeps this far from the upper articular surface, mm: the radius of a 6 mm screw and what
 /// counts as in the facet.
 const FACET_DISTANCE_MM: f64 = 4.5;
+/// The last search keeps this much more than what counts as in the facet, mm.
+const FACET_SPARE_MM: f64 = 0.02;
+/// Clearance that a millimetre nearer to the facet joint than that would have to gain.
+const FACET_FIRMNESS: f64 = 20.0;
+/// Half the width of the grid on which the last search looks for starts beside the line found, about
+/// the axis of the pedicle: offsets mm, slopes in units.
+const GRID_REACH: Place = [2.4, 3.6, 3.0, 3.0];
+/// Points of the grid along each of the four.
+const GRID_STEPS: usize = 5;
+/// How many of them become starts.
+const GRID_STARTS: usize = 4;
+/// Spacing of its stations, mm.
+const REFINE_STATIONS_MM: f64 = 1.0;
+/// First and last step of the last search.
+const REFINE_STEPS: (f64, f64) = (0.8, 0.02);
 /// Clearance worth giving up for a millimetre away from the facet joint.
 const FACET_WEIGHT: f64 = 1.0;
 /// A screw may be longer than the way to its tip by this, mm: rounding.

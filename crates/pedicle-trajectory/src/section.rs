@@ -188,7 +188,97 @@ impl Contour {
 ///
 /// Contours that a hole in the surface leaves open are closed by a straight line.
 pub(crate) fn section(mesh: &TriMesh, plane: &Plane) -> Vec<Contour> {
-    let segments = crossing_segments(mesh, plane);
+    contours(&crossing_segments(mesh, plane, mesh.faces().iter()))
+}
+
+/// Sections by many planes across one direction: faces are looked at once, not once a plane.
+pub(crate) struct Slicer<'a> {
+    mesh: &'a TriMesh,
+    origin: Point3<f64>,
+    normal: Vector3<f64>,
+    /// Heights above `origin` of the planes that are prepared for, mm.
+    heights_mm: (f64, f64),
+    /// Faces that such a plane may cross, by their lowest corner.
+    faces: Vec<Reach>,
+    /// Largest height of such a face, mm.
+    tallest_mm: f64,
+}
+
+/// How far a face reaches along the direction, mm.
+#[derive(Debug, Clone, Copy)]
+struct Reach {
+    low: f64,
+    high: f64,
+    face: u32,
+}
+
+/// Heights that differ by less than this part of the largest one may be the same.
+const SAME_HEIGHT: f64 = 1e-9;
+
+impl<'a> Slicer<'a> {
+    /// For planes across the unit vector `normal` whose heights above `origin` lie between two.
+    pub(crate) fn new(
+        mesh: &'a TriMesh,
+        origin: Point3<f64>,
+        normal: Vector3<f64>,
+        heights_mm: (f64, f64),
+    ) -> Self {
+        let heights: Vec<f64> = mesh
+            .vertices()
+            .iter()
+            .map(|p| normal.dot(&(p - origin)))
+            .collect();
+        let largest = heights.iter().map(|h| h.abs()).fold(0.0, f64::max);
+        let margin = SAME_HEIGHT * largest;
+        let mut faces: Vec<Reach> = Vec::new();
+        let mut tallest_mm: f64 = 0.0;
+        for (face, corners) in mesh.faces().iter().enumerate() {
+            let [a, b, c] = corners.map(|v| heights[v as usize]);
+            let (low, high) = (a.min(b).min(c) - margin, a.max(b).max(c) + margin);
+            if low <= heights_mm.1 && high >= heights_mm.0 {
+                tallest_mm = tallest_mm.max(high - low);
+                faces.push(Reach {
+                    low,
+                    high,
+                    face: face as u32,
+                });
+            }
+        }
+        faces.sort_by(|a, b| a.low.total_cmp(&b.low));
+        Self {
+            mesh,
+            origin,
+            normal,
+            heights_mm,
+            faces,
+            tallest_mm,
+        }
+    }
+
+    /// What [`section`] gives for a plane at right angles to the direction.
+    pub(crate) fn section(&self, plane: &Plane) -> Vec<Contour> {
+        let height = self.normal.dot(&(plane.origin - self.origin));
+        let (low, high) = self.heights_mm;
+        if !(low..=high).contains(&height) {
+            return section(self.mesh, plane);
+        }
+        let first = self
+            .faces
+            .partition_point(|f| f.low < height - self.tallest_mm);
+        let mut crossed: Vec<u32> = self.faces[first..]
+            .iter()
+            .take_while(|f| f.low <= height)
+            .filter(|f| f.high >= height)
+            .map(|f| f.face)
+            .collect();
+        // In the order of the mesh, so that nothing depends on how the faces were found.
+        crossed.sort_unstable();
+        let faces = crossed.iter().map(|&f| &self.mesh.faces()[f as usize]);
+        contours(&crossing_segments(self.mesh, plane, faces))
+    }
+}
+
+fn contours(segments: &[Segment]) -> Vec<Contour> {
     let mut used = vec![false; segments.len()];
     let mut contours = Vec::new();
     for first in 0..segments.len() {
@@ -237,16 +327,16 @@ struct Segment {
 }
 
 /// Sorted by the edge where they begin.
-fn crossing_segments(mesh: &TriMesh, plane: &Plane) -> Vec<Segment> {
+fn crossing_segments<'a>(
+    mesh: &TriMesh,
+    plane: &Plane,
+    faces: impl Iterator<Item = &'a [u32; 3]>,
+) -> Vec<Segment> {
     let normal = plane.normal();
-    let heights: Vec<f64> = mesh
-        .vertices()
-        .iter()
-        .map(|p| normal.dot(&(p - plane.origin)))
-        .collect();
+    let height = |v: u32| normal.dot(&(mesh.vertices()[v as usize] - plane.origin));
     let mut segments = Vec::new();
-    for face in mesh.faces() {
-        let above = face.map(|v| heights[v as usize] >= 0.0);
+    for face in faces {
+        let above = face.map(|v| height(v) >= 0.0);
         if above[0] == above[1] && above[1] == above[2] {
             continue;
         }
@@ -266,7 +356,7 @@ fn crossing_segments(mesh: &TriMesh, plane: &Plane) -> Vec<Segment> {
                 mesh.vertices()[from.0 as usize],
                 mesh.vertices()[from.1 as usize],
             );
-            let (hp, hq) = (heights[from.0 as usize], heights[from.1 as usize]);
+            let (hp, hq) = (height(from.0), height(from.1));
             let point = plane.to_plane(&(p + (q - p) * (hp / (hp - hq))));
             segments.push(Segment { from, to, point });
         }

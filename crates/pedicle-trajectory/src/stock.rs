@@ -3,7 +3,7 @@
 use pedicle_mesh::TriMesh;
 
 use crate::assess::facet_points;
-use crate::planner::{Site, plan_site};
+use crate::planner::{Site, plan_site, refine_at_site};
 use crate::{
     Catalogue, Level, NarrowPedicle, PlannerError, PlannerOptions, Side, Trajectory,
     VertebraAnatomy,
@@ -70,15 +70,17 @@ pub fn plan_from_stock(
         narrow_pedicle: NarrowPedicle::Refuse,
         ..options.clone()
     };
-    match plan_site(&site, &with(&catalogue.diameters_mm)) {
-        Ok(trajectory) => Ok(PlannedScrew {
-            trajectory,
+    let screws = with(&catalogue.diameters_mm);
+    match plan_site(&site, &screws) {
+        Ok(found) => Ok(PlannedScrew {
+            trajectory: refine_at_site(&site, &screws, found),
             implant: Implant::Screw,
         }),
         Err(PlannerError::TooNarrow { .. }) if !catalogue.guide_wires_mm.is_empty() => {
-            let trajectory = plan_site(&site, &with(&catalogue.guide_wires_mm))?;
+            let wires = with(&catalogue.guide_wires_mm);
+            let found = plan_site(&site, &wires)?;
             Ok(PlannedScrew {
-                trajectory,
+                trajectory: refine_at_site(&site, &wires, found),
                 implant: Implant::GuideWire {
                     narrowest_mm: pedicle.narrowest_mm,
                 },

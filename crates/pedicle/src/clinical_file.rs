@@ -211,6 +211,10 @@ pub struct PedicleEntry {
     pub narrowest_mm: f64,
     /// Upright, mm.
     pub height_mm: f64,
+    /// Medio-lateral chord through the centroid, as surveys measure the width, mm.
+    pub mediolateral_chord_mm: f64,
+    /// Upright chord through the centroid, as surveys measure the height, mm.
+    pub upright_chord_mm: f64,
     /// Positive: converges to the front, degrees.
     pub transverse_angle_deg: f64,
     /// Positive: rises to the front, degrees.
@@ -257,6 +261,8 @@ impl From<&VertebraAnatomy> for AnatomyEntry {
                 width_mm: p.width_mm,
                 narrowest_mm: p.narrowest_mm,
                 height_mm: p.height_mm,
+                mediolateral_chord_mm: a.mediolateral_chord_mm,
+                upright_chord_mm: a.upright_chord_mm,
                 transverse_angle_deg: a.transverse_angle_rad.to_degrees(),
                 sagittal_angle_deg: a.sagittal_angle_rad.to_degrees(),
                 chord_length_mm: a.chord_length_mm,

@@ -20,6 +20,9 @@ pub enum Error {
     /// A label map was refused.
     #[error(transparent)]
     Labels(#[from] pedicle_labels::LabelError),
+    /// A .glb file gives no surface.
+    #[error(transparent)]
+    Glb(#[from] crate::GlbError),
     /// An ITK transform could not be read.
     #[error(transparent)]
     ItkTransform(#[from] crate::ItkTransformError),
@@ -29,6 +32,12 @@ pub enum Error {
         /// The file.
         path: PathBuf,
     },
+    /// A plan was to go to standard output.
+    #[error(
+        "a plan is written to a file, whose name tells the format (.ron, .json, .mrk.json); --json - \
+         prints the result"
+    )]
+    PlanToStdout,
     /// A scheme that is neither known nor a file.
     #[error("the scheme {name:?} is neither verse nor totalsegmentator nor a .ron file")]
     UnknownScheme {

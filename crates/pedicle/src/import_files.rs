@@ -9,7 +9,7 @@ use pedicle_mesh::{
 use pedicle_trajectory::Level;
 use serde::{Deserialize, Serialize};
 
-use crate::Error;
+use crate::{Error, is_glb, read_glb};
 
 /// What `pedicle import` found.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -138,10 +138,15 @@ pub fn import_meshes(
     }
     let mut meshes = Vec::new();
     for (&level, file) in &files {
-        let read = read_mesh(file)?;
-        let space = space_of(&read.comments).or(frame);
+        let (mesh, space) = if is_glb(file) {
+            (read_glb(file)?, None)
+        } else {
+            let read = read_mesh(file)?;
+            (read.mesh, space_of(&read.comments))
+        };
+        let space = space.or(frame);
         let space = space.ok_or_else(|| Error::UnknownFrame { path: file.clone() })?;
-        meshes.push((level, in_space(&read.mesh, space, Space::Ras)));
+        meshes.push((level, in_space(&mesh, space, Space::Ras)));
     }
     let is_missing = |level: &Level| !files.contains_key(level);
     let file = ImportFile {
@@ -172,7 +177,7 @@ fn mesh_files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, Error> {
         let mut inside = Vec::new();
         for entry in std::fs::read_dir(path).map_err(refused)? {
             let file = entry.map_err(refused)?.path();
-            if MeshFormat::from_path(&file).is_some() {
+            if MeshFormat::from_path(&file).is_some() || is_glb(&file) {
                 inside.push(file);
             }
         }

@@ -26,6 +26,7 @@ mod cloud_file;
 pub mod commands;
 mod error;
 mod frames;
+mod glb_file;
 mod import_files;
 mod itk_transform;
 pub mod report;
@@ -41,6 +42,7 @@ pub use clinical_file::{
 pub use cloud_file::{is_cloud_file, read_cloud};
 pub use error::Error;
 pub use frames::check_plan_frame;
+pub use glb_file::{GlbError, is_glb, read_glb};
 pub use import_files::{ImportFile, ImportedLevelEntry, import_meshes, in_space, write_spine};
 pub use itk_transform::{ItkTransformError, read_itk_transform, write_itk_transform};
 pub use result_file::{

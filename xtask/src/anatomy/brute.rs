@@ -4,8 +4,8 @@
 use nalgebra::{Point3, Vector3};
 use pedicle_mesh::TriMesh;
 use pedicle_trajectory::{
-    Catalogue, CheckOptions, Level, Pedicle, PlannerError, PlannerOptions, Side, Trajectory,
-    VertebraAnatomy, check_trajectory, plan_from_stock,
+    Catalogue, CheckOptions, FacetViolation, Level, Pedicle, PlannerError, PlannerOptions, Side,
+    Trajectory, VertebraAnatomy, articular_points, check_trajectory, plan_from_stock,
 };
 
 /// Thinnest lumbar pedicle screw; what is thinner is a guide wire, mm.
@@ -46,10 +46,22 @@ pub(super) fn planned(
 }
 
 /// Looks for a line of the same diameter and length with more clearance.
-pub(super) fn search(name: &str, spine: &[VertebraAnatomy], t: &Trajectory) -> Option<PlanError> {
+/// It keeps to the limits of the plan: bone in front of the tip and the facet joint as clear.
+pub(super) fn search(
+    name: &str,
+    spine: &[VertebraAnatomy],
+    pairs: &[(Level, &TriMesh)],
+    t: &Trajectory,
+) -> Option<PlanError> {
     let v = spine.iter().find(|v| v.level == t.level)?;
     let pedicle = &v.pedicle(t.side).ok()?.pedicle;
+    let facets = facets(spine, pairs, t.level);
+    let facet = |t: &Trajectory| FacetViolation::of(t, &facets).grade;
+    let facet_of_plan = facet(t);
     let clearance = |t: &Trajectory| {
+        if facet(t) > facet_of_plan {
+            return None;
+        }
         let options = CheckOptions::default();
         let check = check_trajectory(t, &v.surface, pedicle, &v.frame, &options).ok()?;
         check.valid.then(|| check.min_clearance_mm())
@@ -80,6 +92,20 @@ pub(super) fn search(name: &str, spine: &[VertebraAnatomy], t: &Trajectory) -> O
         planned_mm,
         best_mm,
     })
+}
+
+/// The upper articular surface of a level.
+fn facets(
+    spine: &[VertebraAnatomy],
+    pairs: &[(Level, &TriMesh)],
+    level: Level,
+) -> Vec<Point3<f64>> {
+    let above = spine.iter().find(|v| v.level.index() + 1 == level.index());
+    let own = pairs.iter().find(|(l, _)| *l == level);
+    match (above, own) {
+        (Some(above), Some((_, mesh))) => articular_points(mesh, &above.surface),
+        _ => Vec::new(),
+    }
 }
 
 /// The screw on a line, if it has an entry behind and keeps its distance in front.

@@ -1,7 +1,9 @@
-//! `cargo xtask bench-anatomy`: measured pedicles beside the phantom's true ones, planned screws
-//! beside the best that a dense search finds, and the time of a check.
+//! `cargo xtask bench-anatomy`: measured pedicles beside the phantom's true ones or published ranges,
+//! planned screws beside the best that a dense search finds, and the time of a check.
 
 mod brute;
+mod ranges;
+mod time;
 mod truth;
 
 use std::path::PathBuf;
@@ -22,13 +24,14 @@ use brute::PlanError;
 use truth::MeasureError;
 
 /// Measure and plan generated people, or a spine, and compare with the truth and with a dense
-/// search. Exit code 1 if a pedicle is missing, a limit is broken or a screw is not grade A.
+/// search. Exit code 1 if a pedicle is missing, a limit is broken, a screw is not grade A or a check
+/// takes too long.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
     /// How many people.
     #[arg(long, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u32).range(1..))]
     subjects: u32,
-    /// Plan a spine from files instead; there is no truth to measure against.
+    /// Measure and plan a spine from files instead; there is no truth, so published ranges are beside it.
     #[arg(long, value_name = "PATH", conflicts_with = "subjects")]
     spine: Option<PathBuf>,
     /// Seed of the cohort. Seeds below 1000 were used for tuning, never for reported figures.
@@ -41,21 +44,33 @@ pub(crate) struct Arguments {
     /// Also look for a better line by a dense search, for the first N people or the spine.
     #[arg(long, value_name = "N", default_value_t = 0)]
     brute: u32,
+    /// Instead, time the check of the planned screws of the spine, or of one person with at least
+    /// 200 000 faces.
+    #[arg(long, conflicts_with_all = ["brute", "explain", "subjects", "cell_mm"])]
+    time: bool,
     /// Print every pedicle.
     #[arg(long)]
     explain: bool,
 }
 
+/// Cell of the grid at which five vertebrae have more than 200 000 faces, mm.
+const TIMED_CELL_MM: f64 = 0.89;
+
 /// What is found in one spine.
 struct Found {
     measures: Vec<MeasureError>,
     missing: Vec<String>,
+    /// Where there is no truth: the table, and what is outside.
+    ranges: Option<(comfy_table::Table, Vec<String>)>,
     screws: Vec<ScrewReport>,
     brute: Vec<PlanError>,
 }
 
 impl Arguments {
     pub(crate) fn run(self) -> Result<bool, XtaskError> {
+        if self.time {
+            return self.time_of_check();
+        }
         let started = Instant::now();
         let found = match &self.spine {
             Some(path) => {
@@ -91,6 +106,23 @@ impl Arguments {
         Ok(held)
     }
 
+    fn time_of_check(&self) -> Result<bool, XtaskError> {
+        if let Some(path) = &self.spine {
+            let vertebrae = pedicle::read_spine(path)?;
+            let pairs = pedicle::level_pairs(&vertebrae);
+            return time::run(&path.display().to_string(), &pairs);
+        }
+        let parameters = PhantomParameters::subject(subject_seed(self.seed, 0));
+        let cell_mm = TIMED_CELL_MM;
+        let phantom = generate_phantom(&parameters, &MeshingOptions { cell_mm })?;
+        let pairs: Vec<(Level, &TriMesh)> = phantom
+            .vertebrae
+            .iter()
+            .map(|v| (v.level, &v.mesh))
+            .collect();
+        time::run("subject 1", &pairs)
+    }
+
     fn report(&self, found: &[Found]) -> bool {
         let measures: Vec<&MeasureError> = found.iter().flat_map(|f| &f.measures).collect();
         if self.explain {
@@ -99,6 +131,15 @@ impl Arguments {
             }
         }
         let mut held = true;
+        for f in found {
+            if let Some((table, outside)) = &f.ranges {
+                say(&table.to_string());
+                for words in outside {
+                    say(&format!("OUTSIDE: {words}"));
+                }
+                held &= outside.is_empty();
+            }
+        }
         for missing in found.iter().flat_map(|f| &f.missing) {
             say(missing);
             held = false;
@@ -170,9 +211,13 @@ fn study(
     let mut found = Found {
         measures: Vec::new(),
         missing: Vec::new(),
+        ranges: None,
         screws: Vec::new(),
         brute: Vec::new(),
     };
+    if phantom.is_none() {
+        found.ranges = Some(ranges::table(&spine, UTF8_FULL_CONDENSED));
+    }
     let mut plan = Plan::default();
     for v in &spine {
         for side in Side::ALL {
@@ -204,7 +249,7 @@ fn study(
         found.brute = plan
             .trajectories
             .par_iter()
-            .filter_map(|t| brute::search(name, &spine, t))
+            .filter_map(|t| brute::search(name, &spine, pairs, t))
             .collect();
     }
     Ok(found)

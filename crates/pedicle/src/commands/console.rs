@@ -47,6 +47,14 @@ impl Console {
         self.check_new(path)
     }
 
+    /// Checks before the work that a plan can be written: its name tells the format, so it is a file.
+    pub(super) fn check_plan_output(self, path: &Path) -> Result<(), Error> {
+        if is_stdout(path) {
+            return Err(Error::PlanToStdout);
+        }
+        self.check_output(path, None)
+    }
+
     /// Refuses a file that is there already, unless it may be written over.
     pub(super) fn check_new(self, path: &Path) -> Result<(), Error> {
         if self.force || !path.exists() {

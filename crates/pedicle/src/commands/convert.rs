@@ -50,7 +50,7 @@ Exit codes: 0 done, 2 wrong usage or input.";
 
 impl Arguments {
     pub(super) fn run(self, console: Console) -> Result<ExitCode, Error> {
-        console.check_output(&self.output, None)?;
+        console.check_plan_output(&self.output)?;
         let spine = self.spine.as_deref().map(read_spine_file).transpose()?;
         let of_spine = spine.as_ref().and_then(|spine| spine.space);
         let space = self.frame.or(of_spine).unwrap_or_default();

@@ -20,7 +20,7 @@ use crate::{Error, ImportFile, import_meshes, write_spine};
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
     /// A NIfTI label map (.nii, .nii.gz), a folder with one mesh a level, or mesh files whose names
-    /// tell the level (PLY, STL, OBJ, OFF, VTP).
+    /// tell the level (PLY, STL, OBJ, OFF, VTP, glTF as .glb).
     #[arg(value_name = "LABELS|MESH", required = true)]
     inputs: Vec<PathBuf>,
     /// Which label is which level: verse, totalsegmentator, or a .ron file such as

@@ -23,12 +23,14 @@ fits, a guide wire is planned and said so. The plan is text and can be edited by
 
 Examples:
   pedicle plan fixtures/phantom -o my-plan.ron
+  pedicle plan fixtures/phantom -o for-slicer.mrk.json --quiet
   pedicle plan fixtures/phantom -o l4.ron --level L4 --side left --catalogue screws.ron")]
 pub(super) struct Arguments {
     /// Spine: a folder with L1.ply to L5.ply, or one PLY with a vertex label a level.
     #[arg(value_name = "SPINE")]
     spine: PathBuf,
-    /// The plan to write, .ron, .json or 3D Slicer's .mrk.json.
+    /// The plan to write, in the frame of the spine: .ron, .json or 3D Slicer's .mrk.json (LPS, as it
+    /// says itself).
     #[arg(short, long, value_name = "PLAN")]
     output: PathBuf,
     /// Only this level; may be given more than once.
@@ -69,10 +71,8 @@ fn length(text: &str) -> Result<f64, String> {
 
 impl Arguments {
     pub(super) fn run(self, console: Console) -> Result<ExitCode, Error> {
-        for path in [Some(&self.output), self.json.as_ref()]
-            .into_iter()
-            .flatten()
-        {
+        console.check_plan_output(&self.output)?;
+        if let Some(path) = &self.json {
             console.check_output(path, None)?;
         }
         if let Some(path) = &self.report {
@@ -97,18 +97,23 @@ impl Arguments {
             min_clearance_mm: MIN_CLEARANCE_MM,
             ..PlannerOptions::default()
         };
-        let planned = self
-            .wanted()
-            .into_iter()
-            .map(|place| {
-                plan_from_stock(&spine, &pairs, place, &catalogue, &options).map_err(|error| {
-                    Error::Planner {
-                        path: path(),
-                        error,
-                    }
+        let wanted = self.wanted();
+        let bar = console.bar(wanted.len() as u64);
+        let planned =
+            wanted
+                .into_iter()
+                .map(|place| {
+                    bar.set_message(format!("{} {}", place.0, place.1));
+                    let screw = plan_from_stock(&spine, &pairs, place, &catalogue, &options)
+                        .map_err(|error| Error::Planner {
+                            path: path(),
+                            error,
+                        });
+                    bar.inc(1);
+                    screw
                 })
-            })
-            .collect::<Result<Vec<PlannedScrew>, Error>>()?;
+                .collect::<Result<Vec<PlannedScrew>, Error>>()?;
+        bar.finish_and_clear();
         let plan = Plan {
             trajectories: planned.iter().map(|p| p.trajectory).collect(),
         };

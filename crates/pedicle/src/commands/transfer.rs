@@ -55,7 +55,8 @@ pub(super) struct Arguments {
     /// Write a page that shows the result: one .html file for any browser, no network needed.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
-    /// Write the transferred plan, one file for .ron, .json or 3D Slicer's .mrk.json.
+    /// Write the transferred plan in the frame of the target: .ron and .json with the coordinates of
+    /// the target's file, 3D Slicer's .mrk.json in LPS, as it says itself.
     #[arg(long, value_name = "OUT")]
     plan_out: Option<PathBuf>,
     /// Write one ITK transform a level (L1.tfm, from target to source, LPS) and transforms.json.
@@ -188,8 +189,11 @@ impl Arguments {
     }
 
     fn check_outputs(&self, console: Console) -> Result<(), Error> {
-        for path in [&self.json, &self.plan_out].into_iter().flatten() {
+        if let Some(path) = &self.json {
             console.check_output(path, None)?;
+        }
+        if let Some(path) = &self.plan_out {
+            console.check_plan_output(path)?;
         }
         if let Some(path) = &self.report {
             console.check_output(path, Some(".html"))?;

@@ -12,6 +12,7 @@ mod bad_input;
 mod clinical;
 mod demo;
 mod exchange;
+mod glb;
 mod map;
 mod report;
 mod spectrum;
