@@ -22,14 +22,14 @@ const DRAWS: &str = "3";
 
 impl Arguments {
     pub(crate) fn run(self) -> Result<bool, XtaskError> {
+        // Everything in the profile that the benchmark needs anyway, so that nothing is compiled twice.
         let mut steps: Vec<(&str, Vec<String>, Option<&str>)> = vec![
             ("format", words("cargo fmt --all -- --check"), None),
             (
                 "lints",
-                words("cargo clippy --workspace --all-targets --locked -- -D warnings"),
+                words("cargo clippy --workspace --all-targets --release --locked -- -D warnings"),
                 None,
             ),
-            // In the profile that the benchmark below needs anyway, so that nothing is compiled twice.
             (
                 "tests",
                 words("cargo test --workspace --release --locked"),
@@ -37,7 +37,7 @@ impl Arguments {
             ),
             (
                 "documentation",
-                words("cargo doc --workspace --no-deps --locked"),
+                words("cargo doc --workspace --no-deps --release --locked"),
                 Some("-D warnings"),
             ),
             ("exchange", words("cargo xtask check-exchange"), None),
