@@ -341,7 +341,7 @@ mod tests {
     fn bumps_that_noise_hides_on_one_bone_show_on_all() {
         let options = VerdictOptions::default();
         let hidden = Misfit {
-            covariance_mm2: 0.33,
+            covariance_mm2: 0.4,
             by_noise_mm2: 0.2,
             deviation_mm2: 0.1,
             ..NOISE_ONLY
