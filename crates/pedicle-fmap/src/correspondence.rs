@@ -355,6 +355,19 @@ mod tests {
     }
 
     #[test]
+    fn rows_too_long_for_single_precision_are_searched_in_double() {
+        let (source, target) = (basis(700, 0.0), basis(600, 0.01));
+        for factor in [1.0, 1e14, 1e17, 1e30] {
+            let mut map = map(30, 5);
+            map.matrix *= faer::Scale(factor);
+            let mut correspondence = Correspondence::new(&source, &target, (40, 40));
+            correspondence.assign(map.matrix.as_ref());
+            let exhaustive = nearest_adjoint_point_map(&source, &target, &map);
+            assert_eq!(correspondence.point_map(), exhaustive, "times {factor}");
+        }
+    }
+
+    #[test]
     fn corrections_add_up_to_the_map_of_the_present_images() {
         let (source, target) = (basis(300, 0.0), basis(257, 0.02));
         let mut correspondence = Correspondence::new(&source, &target, (40, 30));

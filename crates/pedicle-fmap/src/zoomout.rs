@@ -10,7 +10,7 @@
 //! Φ_target C, images crowd where rows of the source are short, and errors double under noise.
 //! Steps move few images, so ZoomOut searches everywhere only each time the functions of a shape
 //! have grown by a half, and at the end; in between it looks among what came near then, all of it in
-//! single precision but for the end.
+//! single precision; what the last search finds that way is measured in double.
 //!
 //! The number of functions of the source grows from that of the first map to `n_source` by `step`;
 //! that of the target grows in proportion, so a rectangular map for a part stays rectangular.
@@ -23,6 +23,7 @@ use crate::{
     FmapError, FunctionalMap, PointMap, Side,
     convert::{check_basis, check_map},
     correspondence::Correspondence,
+    growth::at_least_one,
     linear::nearest_orthogonal,
     progress::{RefinementStep, Reporter},
 };
@@ -88,7 +89,7 @@ pub fn zoomout_with_progress(
     check_map(source, target, map)?;
     check_basis(source, Side::Source, options.n_source)?;
     check_basis(target, Side::Target, options.n_target)?;
-    check_count("step", options.step)?;
+    at_least_one("step", options.step)?;
     let start = (map.n_target(), map.n_source());
     for (option, first, last) in [
         ("n_source", start.1, options.n_source),
@@ -175,15 +176,4 @@ pub fn spectral_icp_with_progress(
         point_map: correspondence.point_map(),
         report: reporter.report,
     })
-}
-
-fn check_count(option: &'static str, value: usize) -> Result<(), FmapError> {
-    if value == 0 {
-        return Err(FmapError::InvalidOption {
-            option,
-            value: 0.0,
-            requirement: "it must be at least 1",
-        });
-    }
-    Ok(())
 }

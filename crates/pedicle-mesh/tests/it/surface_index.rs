@@ -45,6 +45,23 @@ fn lattice(n: usize) -> impl Iterator<Item = Point3<f64>> {
 }
 
 #[test]
+fn closest_points_within_a_limit_are_the_closest_or_none() {
+    let index = SurfaceIndex::new(&torus(24, 12)).unwrap();
+    for q in lattice(7) {
+        let closest = index.closest_point(&q);
+        let distance_mm = closest.distance_mm;
+        for limit_mm in [distance_mm, 1.5 * distance_mm, f64::INFINITY] {
+            let found = index.closest_point_within(&q, limit_mm).unwrap();
+            assert_eq!(found.distance_mm.to_bits(), distance_mm.to_bits(), "{q}");
+        }
+        for limit_mm in [0.999 * distance_mm, 0.0, -1.0, f64::NAN] {
+            let found = index.closest_point_within(&q, limit_mm);
+            assert!(found.is_none(), "{q} within {limit_mm} of {distance_mm}");
+        }
+    }
+}
+
+#[test]
 fn closest_points_agree_with_brute_force() {
     for factor in [1e-3, 1.0, 1e3] {
         let mesh = scaled(&torus(24, 12), factor);
