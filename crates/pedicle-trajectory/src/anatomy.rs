@@ -12,6 +12,7 @@ use nalgebra::{Point3, Vector3};
 use pedicle_mesh::{SurfaceIndex, TriMesh, boundary_loops};
 use rayon::prelude::*;
 
+use crate::axial::axial_transverse_angle_rad;
 use crate::body::Body;
 use crate::frame::frames_and_surfaces;
 use crate::isthmus::MIN_NECK_MM;
@@ -66,6 +67,10 @@ pub struct PedicleAnatomy {
     pub neck_mm: f64,
     /// Angle of the axis with the sagittal plane, radians; positive: converges to the front.
     pub transverse_angle_rad: f64,
+    /// The angle with the sagittal plane of surveys, radians, positive: converges to the front. In axial
+    /// sections through the isthmus, of the line at right angles to the shortest chord between canal and
+    /// lateral cortex; `None` if none shows both.
+    pub axial_angle_rad: Option<f64>,
     /// Angle of the axis with the end plates, radians; positive: rises to the front.
     pub sagittal_angle_rad: f64,
     /// Along the axis from the entry to the anterior cortex, mm.
@@ -184,6 +189,7 @@ fn measure_vertebra(
         let found = pedicle_anatomy(&pedicle, &surface, &frame)?;
         Ok(PedicleAnatomy {
             isthmus_contour_mm: isthmus.contour_mm(),
+            axial_angle_rad: axial_transverse_angle_rad(mesh, &frame, &pedicle),
             neck_mm: isthmus.neck_mm,
             ..found
         })
@@ -255,6 +261,7 @@ fn pedicle_anatomy(
         upright_chord_mm: chord(axis.cross(&aside))?,
         neck_mm: 0.0,
         transverse_angle_rad: axis.dot(&medial).atan2(axis.dot(&frame.anterior)),
+        axial_angle_rad: None,
         sagittal_angle_rad: axis.dot(&frame.up).clamp(-1.0, 1.0).asin(),
         chord_length_mm: behind.distance_mm + ahead.distance_mm,
         entry_mm: behind.point,

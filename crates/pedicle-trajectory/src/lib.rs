@@ -42,6 +42,7 @@
 mod anatomy;
 mod anatomy_error;
 mod assess;
+mod axial;
 mod body;
 mod catalogue;
 mod check;

@@ -217,6 +217,8 @@ pub struct PedicleEntry {
     pub upright_chord_mm: f64,
     /// Positive: converges to the front, degrees.
     pub transverse_angle_deg: f64,
+    /// The same as surveys read it from axial sections, degrees; null if no section shows it.
+    pub axial_angle_deg: Option<f64>,
     /// Positive: rises to the front, degrees.
     pub sagittal_angle_deg: f64,
     /// From the posterior to the anterior cortex along the axis, mm.
@@ -264,6 +266,7 @@ impl From<&VertebraAnatomy> for AnatomyEntry {
                 mediolateral_chord_mm: a.mediolateral_chord_mm,
                 upright_chord_mm: a.upright_chord_mm,
                 transverse_angle_deg: a.transverse_angle_rad.to_degrees(),
+                axial_angle_deg: a.axial_angle_rad.map(f64::to_degrees),
                 sagittal_angle_deg: a.sagittal_angle_rad.to_degrees(),
                 chord_length_mm: a.chord_length_mm,
                 entry_mm: a.entry_mm.into(),

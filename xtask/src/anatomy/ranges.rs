@@ -36,7 +36,7 @@ const MEASURES: [Measure; 4] = [
     (
         &PEDICLE_TRANSVERSE_ANGLE,
         Range::Degrees(ANGLE_REACH_DEG),
-        |a| a.transverse_angle_rad.to_degrees(),
+        |a| a.axial_angle_rad.map_or(f64::NAN, f64::to_degrees),
     ),
     (
         &PEDICLE_SAGITTAL_ANGLE,

@@ -12,8 +12,9 @@ use crate::{XtaskError, complain, say, workspace_root};
 
 pub(crate) use pictures::Arguments as PictureArguments;
 
-/// Check every link of the READMEs and the book, that every chapter is in the summary, and run their
-/// commands: blocks marked `sh`, but not those marked `sh norun: REASON`.
+/// Check every link of the READMEs and the book, that every chapter is in the summary, that the pictures
+/// are those of today, and run their commands: blocks marked `sh`, those marked `sh shorter: EXPRESSION`
+/// after sed made them shorter, but not those marked `sh norun: REASON`.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
     /// Check links only.
@@ -44,7 +45,11 @@ impl Arguments {
         if !wrong.is_empty() || self.links_only {
             return Ok(wrong.is_empty());
         }
-        commands::run_all(&documents)
+        let stale = pictures::out_of_date()?;
+        for sentence in &stale {
+            complain(sentence);
+        }
+        Ok(commands::run_all(&documents)? && stale.is_empty())
     }
 }
 

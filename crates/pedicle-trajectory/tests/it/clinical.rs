@@ -8,6 +8,8 @@ use pedicle_trajectory::{
     measure_spine, plan_from_stock, read_catalogue, read_plan,
 };
 
+use crate::real::real_spines;
+
 fn fixture(name: &str) -> std::path::PathBuf {
     std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../../fixtures/phantom")
@@ -76,6 +78,37 @@ fn the_true_plan_is_all_a_and_every_measure_is_there() {
             report.nearest_screw.unwrap().distance_mm > 5.0,
             "{report:?}"
         );
+    }
+}
+
+#[test]
+fn the_angle_of_axial_sections_is_that_of_the_axis_where_the_neck_is_long() {
+    for v in &phantom().spine {
+        for side in Side::ALL {
+            let a = v.pedicle(side).unwrap();
+            let axial = a.axial_angle_rad.unwrap().to_degrees();
+            let axis = a.transverse_angle_rad.to_degrees();
+            // Sections look every degree.
+            assert!(
+                (axial - axis).abs() < 3.0,
+                "{} {side}: {axial}, {axis}",
+                v.level
+            );
+        }
+    }
+}
+
+#[test]
+fn real_l5_pedicles_converge_in_axial_sections_as_published() {
+    for spine in real_spines() {
+        let measured = measure_spine(&spine.levels(), &PedicleOptions::default()).unwrap();
+        let l5 = measured.iter().find(|v| v.level == Level::L5).unwrap();
+        for side in Side::ALL {
+            let axial = l5.pedicle(side).unwrap().axial_angle_rad.unwrap();
+            // Zindrick 1987: 29.8 on average.
+            let off = axial.to_degrees() - 29.8;
+            assert!(off.abs() < 10.0, "{} {side}: {off} off", spine.name);
+        }
     }
 }
 
