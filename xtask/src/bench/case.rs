@@ -7,8 +7,8 @@ use pedicle_mesh::{SurfaceIndex, TriMesh};
 use pedicle_simulation::{MeshingOptions, PhantomParameters, SpineCase, generate_phantom};
 use pedicle_spine::{MapOptions, SourceVertebra, SpineModel};
 use pedicle_trajectory::{
-    AnatomicalFrame, Landmarks, Level, Pedicle, PedicleOptions, Plan, Side, anatomical_frames,
-    measure_pedicle, read_landmarks, read_plan,
+    AnatomicalFrame, CheckOptions, Grade, Landmarks, Level, Pedicle, PedicleOptions, Plan, Side,
+    Trajectory, anatomical_frames, check_trajectory, measure_pedicle, read_landmarks, read_plan,
 };
 
 use crate::XtaskError;
@@ -29,6 +29,8 @@ pub(crate) struct Case {
     pub(crate) vertebrae: Vec<SourceVertebra>,
     pub(crate) spine: SpineCase,
     pub(crate) truth: Vec<TrueVertebra>,
+    /// Grades of the plan itself, in its order.
+    pub(crate) planned_grades: Vec<Grade>,
 }
 
 /// What a transferred screw is checked against: the true full-resolution surface.
@@ -68,6 +70,7 @@ pub(crate) fn load(path: &Path, given: &Given<'_>) -> Result<Case, XtaskError> {
     let spine = SpineCase::from_surfaces(surfaces, &landmarks, N_FACES)?;
     let truth = true_vertebrae(&name, &vertebrae)?;
     Ok(Case {
+        planned_grades: planned_grades(&name, &plan, &truth)?,
         name,
         plan,
         plan_from: in_words(plan_file.as_deref()),
@@ -94,9 +97,11 @@ pub(crate) fn subject(name: String, seed: u64) -> Result<Case, XtaskError> {
         })
         .collect();
     let truth = true_vertebrae(&name, &vertebrae)?;
+    let plan = phantom.plan();
     Ok(Case {
+        planned_grades: planned_grades(&name, &plan, &truth)?,
         name,
-        plan: phantom.plan(),
+        plan,
         plan_from: "the phantom".to_owned(),
         landmarks: phantom.landmarks(),
         landmarks_from: "the phantom".to_owned(),
@@ -175,6 +180,26 @@ fn true_vertebrae(
             })
         })
         .collect()
+}
+
+/// What the plan itself is graded in the bone it was planned in.
+fn planned_grades(
+    name: &str,
+    plan: &Plan,
+    truth: &[TrueVertebra],
+) -> Result<Vec<Grade>, XtaskError> {
+    let grade = |planned: &Trajectory| {
+        let anatomy = &truth[planned.level.index()];
+        let pedicle = &anatomy.pedicles[planned.side as usize];
+        let options = CheckOptions::default();
+        let check = check_trajectory(planned, &anatomy.surface, pedicle, &anatomy.frame, &options);
+        let check = check.map_err(|defect| XtaskError::Stage {
+            stage: format!("plan of {name}"),
+            reason: format!("{} {}: {defect}", planned.level, planned.side),
+        })?;
+        Ok(Grade::of_screw(planned, &check, pedicle))
+    };
+    plan.trajectories.iter().map(grade).collect()
 }
 
 impl Case {

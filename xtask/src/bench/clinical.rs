@@ -4,13 +4,9 @@
 
 use comfy_table::presets::{ASCII_MARKDOWN, UTF8_FULL_CONDENSED};
 use comfy_table::{Table, TableStyle};
-use pedicle_trajectory::{
-    BreachDirection, CheckOptions, Grade, Pedicle, Trajectory, TrajectoryCheck, TrajectoryDefect,
-    check_trajectory,
-};
+use pedicle_trajectory::{BreachDirection, Grade, Pedicle, Trajectory, TrajectoryCheck};
 use serde::Serialize;
 
-use super::case::TrueVertebra;
 use super::cell::Cell;
 use super::report::new_table;
 use super::score::VertebraScore;
@@ -30,27 +26,19 @@ pub(super) struct ScrewScore {
 impl ScrewScore {
     /// `back` is the transferred screw, brought back by the true motion, and `check` its check.
     pub(super) fn new(
-        planned: &Trajectory,
+        (planned, planned_grade): (&Trajectory, Grade),
         back: &Trajectory,
         check: &TrajectoryCheck,
-        anatomy: &TrueVertebra,
-    ) -> Result<Self, TrajectoryDefect> {
-        let pedicle: &Pedicle = &anatomy.pedicles[planned.side as usize];
-        let own = check_trajectory(
-            planned,
-            &anatomy.surface,
-            pedicle,
-            &anatomy.frame,
-            &CheckOptions::default(),
-        )?;
-        Ok(Self {
+        pedicle: &Pedicle,
+    ) -> Self {
+        Self {
             tail_mm: (back.entry_mm - planned.entry_mm).norm(),
             tip_mm: (back.tip_mm - planned.tip_mm).norm(),
             angle_rad: back.direction().angle(&planned.direction()),
             grade: Grade::of_screw(back, check, pedicle),
-            planned_grade: Grade::of_screw(planned, &own, pedicle),
+            planned_grade,
             direction: check.breach_direction,
-        })
+        }
     }
 }
 

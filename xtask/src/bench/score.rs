@@ -279,8 +279,8 @@ pub(super) fn judge_pose(
     let source_from_target: Isometry3<f64> = true_pose.inverse();
     let mut breaches = String::new();
     score.target_errors_mm.clear();
-    let of_level = |planned: &&Trajectory| planned.level == level;
-    for planned in case.plan.trajectories.iter().filter(of_level) {
+    let planned = case.plan.trajectories.iter().zip(&case.planned_grades);
+    for (planned, &planned_grade) in planned.filter(|(planned, _)| planned.level == level) {
         let back = planned.transformed(pose).transformed(&source_from_target);
         let pedicle = &anatomy.pedicles[back.side as usize];
         let check = check_trajectory(
@@ -290,9 +290,9 @@ pub(super) fn judge_pose(
             &anatomy.frame,
             &CheckOptions::default(),
         )?;
-        score
-            .screws
-            .push(ScrewScore::new(planned, &back, &check, anatomy)?);
+        let grades = (planned, planned_grade);
+        let screw = ScrewScore::new(grades, &back, &check, pedicle);
+        score.screws.push(screw);
         score.n_valid_by_geometry += usize::from(check.valid);
         if !check.valid {
             breaches.push_str(&format!(
