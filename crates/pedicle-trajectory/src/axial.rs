@@ -12,11 +12,13 @@
 use nalgebra::{Point2, Vector2};
 use pedicle_mesh::TriMesh;
 
-use crate::section::{Contour, Plane, section};
+use crate::section::{Contour, Plane, Slicer};
 use crate::{AnatomicalFrame, Pedicle};
 
 /// Heights of the sections above the middle of the isthmus, mm.
 const SECTIONS_MM: [f64; 5] = [-2.0, -1.0, 0.0, 1.0, 2.0];
+/// What rounding may add to their heights, mm.
+const SLACK_MM: f64 = 0.1;
 /// How far along the axis from the isthmus, either way, chords are laid, mm.
 const ALONG_MM: f64 = 6.0;
 /// Angles that are tried, degrees: published means are 10 to 30.
@@ -34,9 +36,14 @@ pub(crate) fn axial_transverse_angle_rad(
     frame: &AnatomicalFrame,
     pedicle: &Pedicle,
 ) -> Option<f64> {
+    let reach = (
+        SECTIONS_MM[0] - SLACK_MM,
+        SECTIONS_MM[SECTIONS_MM.len() - 1] + SLACK_MM,
+    );
+    let slicer = Slicer::new(mesh, pedicle.isthmus_center_mm, frame.up, reach);
     let mut found: Vec<f64> = SECTIONS_MM
         .iter()
-        .filter_map(|&above| angle_of_section(mesh, frame, pedicle, above))
+        .filter_map(|&above| angle_of_section(&slicer, frame, pedicle, above))
         .collect();
     found.sort_by(f64::total_cmp);
     let middle = found.get(found.len() / 2)?;
@@ -45,7 +52,7 @@ pub(crate) fn axial_transverse_angle_rad(
 }
 
 fn angle_of_section(
-    mesh: &TriMesh,
+    slicer: &Slicer,
     frame: &AnatomicalFrame,
     pedicle: &Pedicle,
     above_mm: f64,
@@ -55,7 +62,7 @@ fn angle_of_section(
         x: -frame.left * pedicle.side.sign(),
         y: frame.anterior,
     };
-    let contours = section(mesh, &plane);
+    let contours = slicer.section(&plane);
     let along = Vector2::new(pedicle.axis.dot(&plane.x), pedicle.axis.dot(&plane.y));
     let along = along.try_normalize(f64::MIN_POSITIVE)?;
     let least = MIN_HALF_CHORD * pedicle.narrowest_mm;
