@@ -1,6 +1,6 @@
 //! The verdicts on all vertebrae.
 
-use nalgebra::{Isometry3, Point3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use pedicle_registration::PoseCovariance;
 use pedicle_trajectory::Plan;
 use rayon::prelude::*;
@@ -11,6 +11,7 @@ use crate::misfit::Misfit;
 use crate::model::SpineModel;
 use crate::rejection::Rejection;
 use crate::search::Found;
+use crate::stretch::Stretch;
 use crate::uncertainty::{uncertainty, worst_of_pose};
 use crate::verdict::{Deviations, Evidence, chain_rejections, pooled_rejection, rejections};
 use crate::{TrajectoryUncertainty, TransferredTrajectory, VerdictOptions, VertebraTransfer};
@@ -102,6 +103,12 @@ impl Conclusion<'_> {
         pooled_rejection(&misfits, options)
     }
 
+    /// By how much all bones together are larger than the plan's; NaN if unknown.
+    pub(crate) fn stretch(&self) -> Vector3<f64> {
+        let all: Vec<Stretch> = self.fit.fits.iter().filter_map(|fit| fit.stretch).collect();
+        Stretch::pooled(&all).map_or_else(|| Vector3::repeat(f64::NAN), |s| s.relative)
+    }
+
     fn judged_alone(
         &self,
         v: usize,
@@ -144,6 +151,9 @@ impl Conclusion<'_> {
             alternative_margin: evidence.alternative_margin,
             landmark_distance_mm: evidence.landmark_distance_mm.unwrap_or(f64::NAN),
             misfit_mm: fit.misfit.depth_mm(),
+            stretch: fit
+                .stretch
+                .map_or_else(|| Vector3::repeat(f64::NAN), |s| s.relative),
             seen_through: fit.seen_through,
             hidden_share: fit.hidden_share,
             origin: self.found.configuration.origins[v],

@@ -15,6 +15,8 @@ use crate::misfit::{Misfit, misfit};
 use crate::model::Vertebra;
 use crate::points::PointSet;
 use crate::scoring::{ScoreTable, UNASSIGNED, points_of};
+use crate::stretch::{Stretch, stretch};
+use crate::tissue_mixture::{AmongTissue, among_tissue};
 
 /// Rounds of giving points to vertebrae and fitting.
 const ROUNDS: usize = 3;
@@ -63,6 +65,8 @@ pub(crate) struct Fit {
     pub(crate) coverage: f64,
     pub(crate) posterior_coverage: f64,
     pub(crate) misfit: Misfit,
+    /// How much larger the bone is than the plan's; none if its points do not tell.
+    pub(crate) stretch: Option<Stretch>,
     /// Share of the bone's surface towards the camera that it saw through; 0 without a camera.
     pub(crate) seen_through: f64,
 }
@@ -79,7 +83,17 @@ pub(crate) struct Sensor<'a> {
 /// the surface is seen at a small angle.
 const SENSOR_TO_SURFACE: f64 = 1.15;
 
+/// Up to this noise of a camera its points tell bone from tissue one by one, mm.
+const TELLS_TISSUE_MM: f64 = 0.8;
+
 impl Sensor<'_> {
+    /// The noise of a camera that tells bone from tissue.
+    fn noise_to_tell_tissue_mm(&self) -> Option<f64> {
+        let noise_mm = self.noise_mm?;
+        (self.free_space.is_some() && noise_mm <= TELLS_TISSUE_MM).then_some(noise_mm)
+    }
+
+
     /// The noise that the sensor answers for: tissue taken for bone makes the residuals larger.
     fn believable_mm(&self, fitted_mm: f64) -> f64 {
         match self.noise_mm {
@@ -177,6 +191,26 @@ pub(crate) fn finish(
         }
     }
 
+    if let Some(sensor_mm) = sensor.noise_to_tell_tissue_mm() {
+        let owners = ScoreTable::new(&bones, &poses, &target.points, gate_mm).owners();
+        let found: Vec<Option<AmongTissue>> = (0..vertebrae.len())
+            .into_par_iter()
+            .map(|v| {
+                refinements[v].as_ref()?;
+                among_tissue(&vertebrae[v], v as u8, &owners, &poses[v], (&target.points, sensor_mm))
+            })
+            .collect();
+        for (v, found) in found.into_iter().enumerate() {
+            if let (Some(found), Some(refinement)) = (found, refinements[v].as_mut()) {
+                poses[v] = found.target_from_source;
+                lists[v] = found.bare;
+                refinement.target_from_source = found.target_from_source;
+                refinement.noise_mm = found.noise_mm;
+                refinement.covariance = found.covariance;
+            }
+        }
+    }
+
     let noise_mm = median_noise(&refinements);
     let explained = Explained::count(&bones, &poses, &target.points, (noise_mm, sensor));
     let fits = vertebrae
@@ -208,6 +242,7 @@ pub(crate) fn finish(
                 explained_share: explained.share_of(v),
                 hidden_share: explained.hidden_share(v),
                 misfit,
+                stretch: stretch(vertebra, &poses[v], &own, fitted_mm),
                 seen_through: sensor.free_space.map_or(0.0, |free_space| {
                     free_space
                         .contradiction(&vertebra.patches, &poses[v])
@@ -234,19 +269,20 @@ const INFLATION_PER_MM: f64 = 0.12;
 /// A camera errs along its rays and more at small angles: errors of valid poses were this much larger
 /// than their covariances said.
 const INFLATION_OF_CAMERA: f64 = 1.15;
-/// Where soft tissue is seen close to the bone and the noise is of the thickness of what is left of it,
-/// some is taken for bone: errors were two to three times as large again. From this share of the points
-/// close to the bone on in full, and from this noise of the sensor on, growing over that much, mm.
+/// Where soft tissue is seen close to the bone and the noise is too large to tell it apart, some is taken for
+/// bone: errors were two to three times as large again. From this share of the points close to the bone on
+/// in full.
 const TISSUE_SHARE: f64 = 0.05;
-const TISSUE_NOISE_MM: (f64, f64) = (0.6, 0.2);
 /// What it adds to the factor.
-const INFLATION_OF_TISSUE: f64 = 1.5;
+const INFLATION_OF_TISSUE: f64 = 2.0;
 
 /// By how much the errors of a camera exceed those of the first order.
 fn inflation_of_camera(noise_mm: f64, hidden_share: f64) -> f64 {
+    if noise_mm <= TELLS_TISSUE_MM {
+        return INFLATION_OF_CAMERA;
+    }
     let tissue = (hidden_share / TISSUE_SHARE).clamp(0.0, 1.0);
-    let blur = ((noise_mm - TISSUE_NOISE_MM.0) / TISSUE_NOISE_MM.1).clamp(0.0, 1.0);
-    INFLATION_OF_CAMERA * (1.0 + INFLATION_OF_TISSUE * tissue * blur)
+    INFLATION_OF_CAMERA * (1.0 + INFLATION_OF_TISSUE * tissue)
 }
 
 /// The covariance with what the first order and independent residuals leave out.

@@ -229,8 +229,21 @@ fn upper_tail(z: f64) -> f64 {
     ];
     let t = 1.0 / (1.0 + 0.231_641_9 * z);
     let series = B.iter().rev().fold(0.0, |sum, b| (sum + b) * t);
-    let density = (-0.5 * z * z).exp() / std::f64::consts::TAU.sqrt();
-    density * series
+    density(z) * series
+}
+
+/// Φ(z) of the normal distribution.
+pub(crate) fn lower_tail(z: f64) -> f64 {
+    if z < 0.0 {
+        upper_tail(-z)
+    } else {
+        1.0 - upper_tail(z)
+    }
+}
+
+/// φ(z).
+pub(crate) fn density(z: f64) -> f64 {
+    (-0.5 * z * z).exp() / std::f64::consts::TAU.sqrt()
 }
 
 /// Root of the largest eigenvalue.
