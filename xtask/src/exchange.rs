@@ -18,6 +18,9 @@ pub(crate) struct Arguments {
     /// Python with the peers; made in .venv if not given.
     #[arg(long, value_name = "PYTHON")]
     python: Option<PathBuf>,
+    /// The command line to check; built as this program was if not given.
+    #[arg(long, value_name = "PATH")]
+    program: Option<PathBuf>,
 }
 
 /// Largest distance of an image under a transform, mm: f64 with another order of sums.
@@ -69,7 +72,10 @@ impl Arguments {
             path: std::env::temp_dir(),
             source,
         })?;
-        let program = build_program()?;
+        let program = match self.program {
+            Some(program) => program,
+            None => build_program()?,
+        };
         run(Command::new(python)
             .arg(driver("exchange.py"))
             .arg(program)

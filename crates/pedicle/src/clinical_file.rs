@@ -1,5 +1,6 @@
 //! Anatomy, plans and checks as JSON. Lengths mm, angles degrees.
 
+use pedicle_mesh::TriMesh;
 use pedicle_trajectory::{
     Grade, Implant, Level, PlannedScrew, ScrewReport, Side, Trajectory, VertebraAnatomy, Zone,
 };
@@ -231,16 +232,24 @@ pub struct PedicleEntry {
     pub isthmus_contour_mm: Vec<[f64; 3]>,
 }
 
-impl From<&[VertebraAnatomy]> for AnatomyFile {
-    fn from(found: &[VertebraAnatomy]) -> Self {
+impl AnatomyFile {
+    /// What was measured on these surfaces, in their order.
+    #[must_use]
+    pub fn new(found: &[VertebraAnatomy], vertebrae: &[(Level, &TriMesh)]) -> Self {
         Self {
-            vertebrae: found.iter().map(AnatomyEntry::from).collect(),
+            vertebrae: found
+                .iter()
+                .zip(vertebrae)
+                .map(|(v, (_, mesh))| AnatomyEntry::new(v, mesh))
+                .collect(),
         }
     }
 }
 
-impl From<&VertebraAnatomy> for AnatomyEntry {
-    fn from(v: &VertebraAnatomy) -> Self {
+impl AnatomyEntry {
+    /// What was measured on this surface.
+    #[must_use]
+    pub fn new(v: &VertebraAnatomy, mesh: &TriMesh) -> Self {
         let mut errors = Vec::new();
         errors.extend(v.body.as_ref().err().map(ToString::to_string));
         errors.extend(v.canal.as_ref().err().map(ToString::to_string));
@@ -266,7 +275,7 @@ impl From<&VertebraAnatomy> for AnatomyEntry {
                 mediolateral_chord_mm: a.mediolateral_chord_mm,
                 upright_chord_mm: a.upright_chord_mm,
                 transverse_angle_deg: a.transverse_angle_rad.to_degrees(),
-                axial_angle_deg: a.axial_angle_rad.map(f64::to_degrees),
+                axial_angle_deg: a.axial_angle_rad(mesh, &v.frame).map(f64::to_degrees),
                 sagittal_angle_deg: a.sagittal_angle_rad.to_degrees(),
                 chord_length_mm: a.chord_length_mm,
                 entry_mm: a.entry_mm.into(),

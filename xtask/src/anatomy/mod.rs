@@ -216,7 +216,7 @@ fn study(
         brute: Vec::new(),
     };
     if phantom.is_none() {
-        found.ranges = Some(ranges::table(&spine, UTF8_FULL_CONDENSED));
+        found.ranges = Some(ranges::table(&spine, pairs, UTF8_FULL_CONDENSED));
     }
     let mut plan = Plan::default();
     for v in &spine {

@@ -1,10 +1,11 @@
 //! Measured pedicles of a real spine beside published means and deviations of their level.
 
 use comfy_table::{Table, TableStyle};
+use pedicle_mesh::TriMesh;
 use pedicle_simulation::morphometry::{
     MorphometryRow, PEDICLE_HEIGHT, PEDICLE_SAGITTAL_ANGLE, PEDICLE_TRANSVERSE_ANGLE, PEDICLE_WIDTH,
 };
-use pedicle_trajectory::{PedicleAnatomy, Side, VertebraAnatomy};
+use pedicle_trajectory::{AnatomicalFrame, Level, PedicleAnatomy, Side, VertebraAnatomy};
 
 use crate::bench::new_table;
 
@@ -15,7 +16,11 @@ const RANGE_DEVIATIONS: f64 = 3.0;
 const ANGLE_REACH_DEG: f64 = 15.0;
 
 /// What is compared: its row of the published table, and how it is measured as surveys do it.
-type Measure = (&'static MorphometryRow, Range, fn(&PedicleAnatomy) -> f64);
+type Measure = (
+    &'static MorphometryRow,
+    Range,
+    fn(&PedicleAnatomy, &AnatomicalFrame, &TriMesh) -> f64,
+);
 
 /// How far from the mean a value may be.
 #[derive(Debug, Clone, Copy)]
@@ -27,31 +32,42 @@ enum Range {
 }
 
 const MEASURES: [Measure; 4] = [
-    (&PEDICLE_WIDTH, Range::Deviations(RANGE_DEVIATIONS), |a| {
-        a.mediolateral_chord_mm
-    }),
-    (&PEDICLE_HEIGHT, Range::Deviations(RANGE_DEVIATIONS), |a| {
-        a.upright_chord_mm
-    }),
+    (
+        &PEDICLE_WIDTH,
+        Range::Deviations(RANGE_DEVIATIONS),
+        |a, _, _| a.mediolateral_chord_mm,
+    ),
+    (
+        &PEDICLE_HEIGHT,
+        Range::Deviations(RANGE_DEVIATIONS),
+        |a, _, _| a.upright_chord_mm,
+    ),
     (
         &PEDICLE_TRANSVERSE_ANGLE,
         Range::Degrees(ANGLE_REACH_DEG),
-        |a| a.axial_angle_rad.map_or(f64::NAN, f64::to_degrees),
+        |a, frame, mesh| {
+            a.axial_angle_rad(mesh, frame)
+                .map_or(f64::NAN, f64::to_degrees)
+        },
     ),
     (
         &PEDICLE_SAGITTAL_ANGLE,
         Range::Degrees(ANGLE_REACH_DEG),
-        |a| a.sagittal_angle_rad.to_degrees(),
+        |a, _, _| a.sagittal_angle_rad.to_degrees(),
     ),
 ];
 
 /// One row a measure and level: left, right and the range; and what lies outside, as words.
-pub(super) fn table(spine: &[VertebraAnatomy], style: TableStyle) -> (Table, Vec<String>) {
+pub(super) fn table(
+    spine: &[VertebraAnatomy],
+    pairs: &[(Level, &TriMesh)],
+    style: TableStyle,
+) -> (Table, Vec<String>) {
     let header = ["", "level", "left", "right", "published"];
     let mut table = new_table(style, header.map(String::from).to_vec());
     let mut outside = Vec::new();
     for (row, range, of) in MEASURES {
-        for v in spine {
+        for (v, (_, mesh)) in spine.iter().zip(pairs) {
             let level = v.level.index();
             let mean = row.mean[level];
             let reach = match range {
@@ -65,7 +81,7 @@ pub(super) fn table(spine: &[VertebraAnatomy], style: TableStyle) -> (Table, Vec
                     cells.push("-".to_owned());
                     continue;
                 };
-                let found = of(anatomy);
+                let found = of(anatomy, &v.frame, mesh);
                 cells.push(format!("{found:.1}"));
                 // NaN is in no range.
                 let within = (found - mean).abs() <= reach;

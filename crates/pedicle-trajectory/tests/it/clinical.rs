@@ -83,10 +83,11 @@ fn the_true_plan_is_all_a_and_every_measure_is_there() {
 
 #[test]
 fn the_angle_of_axial_sections_is_that_of_the_axis_where_the_neck_is_long() {
-    for v in &phantom().spine {
+    let p = phantom();
+    for (v, (_, mesh)) in p.spine.iter().zip(pairs(&p.meshes)) {
         for side in Side::ALL {
             let a = v.pedicle(side).unwrap();
-            let axial = a.axial_angle_rad.unwrap().to_degrees();
+            let axial = a.axial_angle_rad(mesh, &v.frame).unwrap().to_degrees();
             let axis = a.transverse_angle_rad.to_degrees();
             // Sections look every degree.
             assert!(
@@ -101,10 +102,13 @@ fn the_angle_of_axial_sections_is_that_of_the_axis_where_the_neck_is_long() {
 #[test]
 fn real_l5_pedicles_converge_in_axial_sections_as_published() {
     for spine in real_spines() {
-        let measured = measure_spine(&spine.levels(), &PedicleOptions::default()).unwrap();
+        let levels = spine.levels();
+        let measured = measure_spine(&levels, &PedicleOptions::default()).unwrap();
         let l5 = measured.iter().find(|v| v.level == Level::L5).unwrap();
+        let (_, mesh) = levels.iter().find(|(l, _)| *l == Level::L5).unwrap();
         for side in Side::ALL {
-            let axial = l5.pedicle(side).unwrap().axial_angle_rad.unwrap();
+            let a = l5.pedicle(side).unwrap();
+            let axial = a.axial_angle_rad(mesh, &l5.frame).unwrap();
             // Zindrick 1987: 29.8 on average.
             let off = axial.to_degrees() - 29.8;
             assert!(off.abs() < 10.0, "{} {side}: {off} off", spine.name);

@@ -42,7 +42,7 @@ impl Arguments {
                 path: self.spine.clone(),
                 error,
             })?;
-        let file = AnatomyFile::from(&found[..]);
+        let file = AnatomyFile::new(&found, &pairs);
         console.report(self.json.as_deref(), &file, &tables(&found))?;
         let sound = |v: &VertebraAnatomy| v.doubts.iter().all(|doubt| doubt.is_minor());
         Ok(exit_code(found.iter().all(sound)))
