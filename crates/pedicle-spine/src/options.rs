@@ -165,7 +165,7 @@ const KNOWN_NOISE_TRUNCATION: f64 = 4.0;
 /// But not below this, mm: the poses of the search are not the last ones.
 const LEAST_TRUNCATION_MM: f64 = 1.2;
 /// There are more points, and more of them soft tissue.
-const KNOWN_NOISE_POINTS: usize = 1000;
+const KNOWN_NOISE_POINTS: usize = 700;
 
 impl SearchOptions {
     /// The settings for a target whose points are dense enough to know their noise: what lies a
@@ -180,7 +180,6 @@ impl SearchOptions {
             } else {
                 self.truncation_mm
             },
-            n_turns: 2 * self.n_turns,
             ..self.clone()
         }
     }

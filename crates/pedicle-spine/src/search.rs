@@ -57,7 +57,7 @@ pub(crate) struct Search<'a> {
     pub(crate) points: &'a PointSet,
     pub(crate) options: &'a SearchOptions,
     pub(crate) free_space: Option<&'a FreeSpace>,
-    /// The landmarks of the target, as far as they are given.
+    /// The landmarks of the target if all of them can be trusted; else none.
     landmarks: &'a [Option<Point3<f64>>],
     /// Whether the levels are not known from landmarks.
     levels_are_free: bool,
@@ -91,7 +91,7 @@ impl<'a> Search<'a> {
         self
     }
 
-    /// The same search with the target's landmarks, one entry a vertebra.
+    /// The same search with landmarks that can be trusted, one a vertebra, or none.
     pub(crate) fn with_landmarks(mut self, landmarks: &'a [Option<Point3<f64>>]) -> Self {
         self.landmarks = landmarks;
         self

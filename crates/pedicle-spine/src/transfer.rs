@@ -206,7 +206,7 @@ pub fn transfer_with_progress(
     let mapped = map_poses.map(|poses| Configuration::new(Origin::FunctionalMap, poses));
     let found = Search::new(&model.vertebrae, &coarse, &search)
         .with_free_space(free_space)
-        .with_landmarks(&landmarks)
+        .with_landmarks(scene.trusted_landmarks())
         .with_free_levels(scene.levels_are_free())
         .run(mapped, scene.starts());
 
