@@ -15,6 +15,7 @@ mod phantom;
 mod registration;
 mod reports;
 mod scaling;
+mod tracking;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -40,6 +41,7 @@ enum Command {
     BenchRegistration(registration::Arguments),
     BenchAnatomy(anatomy::Arguments),
     BenchImport(import::Arguments),
+    BenchTracking(tracking::Arguments),
     Scaling(scaling::Arguments),
     CheckExchange(exchange::Arguments),
     MakePhantom(phantom::Arguments),
@@ -63,6 +65,7 @@ fn main() -> ExitCode {
         Command::BenchRegistration(arguments) => arguments.run(),
         Command::BenchAnatomy(arguments) => arguments.run(),
         Command::BenchImport(arguments) => arguments.run(),
+        Command::BenchTracking(arguments) => arguments.run(),
         Command::Scaling(arguments) => arguments.run(),
         Command::MeasurePair(arguments) => arguments.run(),
         Command::MeasureStage(arguments) => arguments.run(),

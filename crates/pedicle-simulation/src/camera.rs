@@ -9,7 +9,7 @@
 //! distance, as triangulation has it. The camera stands 400 to 700 mm behind the laminae, tilted by
 //! up to 15° in any direction and rolled by up to 15°. Lengths in mm.
 
-use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, Unit, UnitQuaternion, Vector3};
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, Normal};
 
@@ -95,6 +95,22 @@ impl Camera {
             down: forward.cross(&rolled),
             pitch: spacing / distance_mm,
             distance_mm,
+        }
+    }
+
+    /// The same camera with other pixels.
+    pub(crate) fn with_pitch(self, pitch: f64) -> Self {
+        Self { pitch, ..self }
+    }
+
+    /// The camera carried along by a motion.
+    pub(crate) fn moved(self, motion: &Isometry3<f64>) -> Self {
+        Self {
+            center: motion * self.center,
+            forward: motion * self.forward,
+            right: motion * self.right,
+            down: motion * self.down,
+            ..self
         }
     }
 

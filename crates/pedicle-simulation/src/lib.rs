@@ -12,6 +12,7 @@
 //!   a depth camera looks at the open wound, landmarks are wrong, levels or the whole patient are
 //!   not the planned ones. A [`SuiteTarget`] is a mesh or a cloud, with its [`SuiteTruth`] and, from
 //!   a camera, its [`SensorView`].
+//! - A [`SensorSequence`]: frames of a depth camera, one after the other, of a spine that breathes.
 //! - What the results are measured with: [`metrics`].
 //!
 //! Lengths are in mm and angles in rad. The phantom's frame is RAS: x to the patient's right, y to the
@@ -65,6 +66,7 @@ mod scenario;
 mod scene;
 mod sdf;
 mod sensor;
+mod sequence;
 mod simulate;
 mod soft_tissue;
 mod spine;
@@ -84,6 +86,7 @@ pub use metrics::{
 pub use parameters::{LevelParameters, PhantomParameters, SideParameters};
 pub use phantom::{PedicleTruth, Phantom, PhantomVertebra, generate_phantom};
 pub use scenario::{Deformation, PAPER_NOISE_MM, Scenario, paper_scenarios};
+pub use sequence::SensorSequence;
 pub use simulate::{SimulatedTarget, VertebraTruth, simulate};
 pub use suite::{
     MOTION_NOISE_MM, RESAMPLED_NOISE_MM, SENSOR_COVER, SENSOR_NOISE_MM, Suite, SuiteScenario,

@@ -5,6 +5,7 @@ use pedicle_mesh::{SurfaceIndex, TriMesh, concatenate};
 use pedicle_trajectory::{
     AnatomicalFrame, Landmarks, Level, Pedicle, Plan, Side, anatomical_frames,
 };
+use rayon::prelude::*;
 
 use crate::bone::BoneSurface;
 use crate::free_space::Patch;
@@ -143,36 +144,15 @@ impl SpineModel {
             vertebra_of_vertex: posterior_owner,
         };
 
-        let mut prepared = Vec::with_capacity(vertebrae.len());
-        for ((vertebra, frame), landmark) in vertebrae.iter().zip(frames).zip(landmark_points) {
-            let bone = BoneSurface::new(&vertebra.surface)?;
-            let coarse_mesh = part_of(&whole, prepared.len() as u8)?;
-            let coarse = BoneSurface::new(&coarse_mesh)?;
-            check_landmark(&bone, &landmark, vertebra.level)?;
-            let samples: Vec<Point3<f64>> = whole
-                .shape
-                .mesh
-                .vertices()
-                .iter()
-                .zip(&whole.vertebra_of_vertex)
-                .filter(|(_, owner)| **owner as usize == prepared.len())
-                .map(|(p, _)| *p)
-                .collect();
-            let is_posterior = samples.iter().map(|p| is_exposed(p, &frame)).collect();
-            let patches = patches_of(&coarse_mesh);
-            prepared.push(Vertebra {
-                level: vertebra.level,
-                bone,
-                coarse,
-                anatomy: Anatomy::new(&vertebra.surface, &frame),
-                frame,
-                landmark,
-                area_mm2: vertebra.surface.area(),
-                samples,
-                is_posterior,
-                patches,
-            });
-        }
+        let prepared = vertebrae
+            .par_iter()
+            .zip(frames)
+            .zip(landmark_points)
+            .enumerate()
+            .map(|(v, ((vertebra, frame), landmark))| {
+                prepared(v, vertebra, frame, landmark, &whole)
+            })
+            .collect::<Result<Vec<Vertebra>, SpineError>>()?;
         Ok(Self {
             vertebrae: prepared,
             whole,
@@ -270,6 +250,37 @@ fn patches_of(mesh: &TriMesh) -> Vec<Patch> {
             area_mm2,
         })
         .collect()
+}
+
+/// What the registration needs of one vertebra: the `v`-th of the spine `whole`.
+fn prepared(
+    v: usize,
+    vertebra: &SourceVertebra,
+    frame: AnatomicalFrame,
+    landmark: Point3<f64>,
+    whole: &SourceView,
+) -> Result<Vertebra, SpineError> {
+    let bone = BoneSurface::new(&vertebra.surface)?;
+    let coarse_mesh = part_of(whole, v as u8)?;
+    check_landmark(&bone, &landmark, vertebra.level)?;
+    let vertices = whole.shape.mesh.vertices().iter();
+    let samples: Vec<Point3<f64>> = vertices
+        .zip(&whole.vertebra_of_vertex)
+        .filter(|(_, owner)| **owner as usize == v)
+        .map(|(p, _)| *p)
+        .collect();
+    Ok(Vertebra {
+        level: vertebra.level,
+        bone,
+        coarse: BoneSurface::new(&coarse_mesh)?,
+        anatomy: Anatomy::new(&vertebra.surface, &frame),
+        landmark,
+        area_mm2: vertebra.surface.area(),
+        is_posterior: samples.iter().map(|p| is_exposed(p, &frame)).collect(),
+        samples,
+        patches: patches_of(&coarse_mesh),
+        frame,
+    })
 }
 
 /// The simplified surface of one vertebra.

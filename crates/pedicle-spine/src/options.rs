@@ -10,13 +10,13 @@ use crate::SpineError;
 pub struct MapOptions {
     /// Faces both surfaces are simplified to before the spectral steps. Default 3500.
     pub n_faces: usize,
-    /// Eigenfunctions of each surface. Default 120.
+    /// Eigenfunctions of each surface. Default 80.
     pub n_functions: usize,
-    /// Size of the first map, which is fitted to the descriptors. Default 60.
+    /// Size of the first map, which is fitted to the descriptors. Default 40.
     pub n_fit: usize,
     /// Wave kernel signatures. Default 20.
     pub n_wave: usize,
-    /// Wave kernel signatures from each landmark. Default 30.
+    /// Wave kernel signatures from each landmark. Default 15.
     pub n_landmark_wave: usize,
     /// Heat kernel signatures, and as many from each landmark. Default 10.
     pub n_heat: usize,
@@ -24,8 +24,8 @@ pub struct MapOptions {
     pub weights: EnergyWeights,
     /// Refinement of the spectrum.
     pub zoomout: ZoomOutOptions,
-    /// Refinement of the point map. Default 80 functions, one round of spectral ICP and two
-    /// iterations: the poses are refined on the surface afterwards.
+    /// Refinement of the point map. Default 60 functions, one round of spectral ICP and one
+    /// iteration: the poses are refined on the surface afterwards.
     pub bcicp: BcicpOptions,
     /// A target with less than this share of the source's area is matched to the part of the
     /// source that a posterior approach exposes. Default 0.8.
@@ -39,7 +39,7 @@ pub struct SearchOptions {
     pub msac: MsacOptions,
     /// Turns about the line of landmarks that are tried. Default 12 (every 30°).
     pub n_turns: usize,
-    /// Target points of the coarse search. Default 600.
+    /// Target points of the coarse search. Default 450.
     pub n_coarse_points: usize,
     /// Target points of the final refinement; more are thinned out. Default 20 000.
     pub n_fine_points: usize,
@@ -165,7 +165,7 @@ const KNOWN_NOISE_TRUNCATION: f64 = 4.0;
 /// But not below this, mm: the poses of the search are not the last ones.
 const LEAST_TRUNCATION_MM: f64 = 1.2;
 /// There are more points, and more of them soft tissue.
-const KNOWN_NOISE_POINTS: usize = 1000;
+const KNOWN_NOISE_POINTS: usize = 700;
 
 impl SearchOptions {
     /// The settings for a target whose points are dense enough to know their noise: what lies a
@@ -180,7 +180,6 @@ impl SearchOptions {
             } else {
                 self.truncation_mm
             },
-            n_turns: 2 * self.n_turns,
             ..self.clone()
         }
     }
@@ -194,7 +193,7 @@ impl Default for SearchOptions {
                 ..MsacOptions::default()
             },
             n_turns: 12,
-            n_coarse_points: 600,
+            n_coarse_points: 450,
             n_fine_points: 20_000,
             gates_mm: vec![20.0, 12.0, 8.0, 6.0, 5.0],
             truncation_mm: 4.0,
@@ -236,22 +235,22 @@ impl Default for MapOptions {
     fn default() -> Self {
         Self {
             n_faces: 3500,
-            n_functions: 120,
-            n_fit: 60,
+            n_functions: 80,
+            n_fit: 40,
             n_wave: 20,
-            n_landmark_wave: 30,
+            n_landmark_wave: 15,
             n_heat: 10,
             weights: EnergyWeights::default(),
             zoomout: ZoomOutOptions {
-                n_source: 100,
-                n_target: 100,
-                step: 10,
+                n_source: 80,
+                n_target: 80,
+                step: 20,
             },
             bcicp: BcicpOptions {
-                n_source: Some(80),
-                n_target: Some(80),
+                n_source: Some(60),
+                n_target: Some(60),
                 n_icp_rounds: 1,
-                n_iterations: 2,
+                n_iterations: 1,
                 ..BcicpOptions::default()
             },
             whole_area_share: 0.8,

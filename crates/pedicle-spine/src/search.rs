@@ -1,6 +1,7 @@
 //! Search for one pose a vertebra: several starts, refined together, mixed vertebra by vertebra.
 //!
-//! 1. Every start is refined in rounds: points are given to the vertebra that explains them
+//! 1. If the poses of the functional map, refined, explain the target and put every landmark where it
+//!    was touched, no other start is needed. Else every start is refined in rounds: points are given to the vertebra that explains them
 //!    best, every vertebra is fitted to its points, and the gate shrinks. Only the best starts
 //!    go through all rounds.
 //! 2. In the best configuration each vertebra is tried in other poses: those of its neighbours,
@@ -26,6 +27,11 @@ const MIN_POINTS: usize = 12;
 const STEPS_PER_ROUND: usize = 4;
 /// Rounds after which the worse starts are dropped.
 const QUALIFYING_ROUNDS: usize = 2;
+/// Poses of the functional map that explain this share of the target, and put every landmark within
+/// this distance of where it was touched, mm, need no other start: two kinds of evidence agree. Touching
+/// errs by some millimetres.
+const SETTLED_SHARE: f64 = 0.85;
+const SETTLED_LANDMARK_MM: f64 = 10.0;
 /// Poses closer than this are the same hypothesis.
 const DISTINCT_MM: f64 = 5.0;
 /// The same for the angle (about 12°).
@@ -51,6 +57,8 @@ pub(crate) struct Search<'a> {
     pub(crate) points: &'a PointSet,
     pub(crate) options: &'a SearchOptions,
     pub(crate) free_space: Option<&'a FreeSpace>,
+    /// The landmarks of the target if all of them can be trusted; else none.
+    landmarks: &'a [Option<Point3<f64>>],
     /// Whether the levels are not known from landmarks.
     levels_are_free: bool,
 }
@@ -66,6 +74,7 @@ impl<'a> Search<'a> {
             points,
             options,
             free_space: None,
+            landmarks: &[],
             levels_are_free: false,
         }
     }
@@ -82,11 +91,44 @@ impl<'a> Search<'a> {
         self
     }
 
-    /// Runs both steps. There must be a start and a gate.
-    pub(crate) fn run(&self, starts: Vec<Configuration>) -> Found {
+    /// The same search with landmarks that can be trusted, one a vertebra, or none.
+    pub(crate) fn with_landmarks(mut self, landmarks: &'a [Option<Point3<f64>>]) -> Self {
+        self.landmarks = landmarks;
+        self
+    }
+
+    /// Runs both steps from the poses of the functional map, if there are any, and the other starts.
+    /// There must be a start and a gate.
+    pub(crate) fn run(&self, mapped: Option<Configuration>, others: Vec<Configuration>) -> Found {
+        let mut mapped = mapped;
+        if let Some(mapped) = &mut mapped {
+            let start = mapped.clone();
+            self.refine_rounds(mapped, &self.options.gates_mm);
+            if self.is_settled(mapped) {
+                return self.found(std::slice::from_ref(mapped));
+            }
+            *mapped = start;
+        }
+        self.found(&self.finalists(mapped.into_iter().chain(others).collect()))
+    }
+
+    /// Whether refined poses explain the target and agree with all landmarks.
+    fn is_settled(&self, configuration: &Configuration) -> bool {
+        let agrees =
+            |(vertebra, (pose, landmark)): (&Vertebra, (&Isometry3<f64>, &Point3<f64>))| {
+                (pose * vertebra.landmark - landmark).norm() <= SETTLED_LANDMARK_MM
+            };
+        let given: Vec<Point3<f64>> = self.landmarks.iter().copied().flatten().collect();
+        let posed = configuration.poses.iter().zip(&given);
+        configuration.score >= SETTLED_SHARE
+            && given.len() == self.vertebrae.len()
+            && self.vertebrae.iter().zip(posed).all(agrees)
+    }
+
+    /// All configurations, those that went through all rounds first, the best of them at the front.
+    fn finalists(&self, mut configurations: Vec<Configuration>) -> Vec<Configuration> {
         let gates = &self.options.gates_mm;
         let qualifying = &gates[..QUALIFYING_ROUNDS.min(gates.len())];
-        let mut configurations = starts;
         configurations
             .par_iter_mut()
             .for_each(|c| self.refine_rounds(c, qualifying));
@@ -96,7 +138,12 @@ impl<'a> Search<'a> {
             .par_iter_mut()
             .for_each(|c| self.refine_rounds(c, &gates[qualifying.len()..]));
         sort_by_score(&mut configurations[..n_finalists]);
+        configurations
+    }
 
+    /// The second step, from the first of the configurations.
+    fn found(&self, configurations: &[Configuration]) -> Found {
+        let n_finalists = self.options.n_finalists.max(1).min(configurations.len());
         let finalists = if self.levels_are_free {
             &configurations[..n_finalists]
         } else {
@@ -105,7 +152,7 @@ impl<'a> Search<'a> {
         let (best, level_margin) = self.with_levels(configurations[0].clone(), finalists);
         Found {
             level_margin,
-            ..self.mix(best, &configurations)
+            ..self.mix(best, configurations)
         }
     }
 

@@ -10,11 +10,11 @@ use crate::scoring::{ScoreTable, UNASSIGNED};
 use crate::search::{Found, Search, faces_camera};
 
 /// Steps of a fit from another pose.
-const STEPS_FOR_ALTERNATIVE: usize = 8;
+const STEPS_FOR_ALTERNATIVE: usize = 5;
 /// Points of a fit from another pose: six unknowns do not need more to find the basin.
-const POINTS_FOR_ALTERNATIVE: usize = 90;
+const POINTS_FOR_ALTERNATIVE: usize = 60;
 /// The same where many of the points may be soft tissue.
-const POINTS_AMONG_TISSUE: usize = 200;
+const POINTS_AMONG_TISSUE: usize = 120;
 /// Gate of the last fit from another pose, in truncation distances.
 const GATE_IN_TRUNCATIONS: f64 = 1.5;
 /// A last gate below this share of the middle one needs a step between.

@@ -43,6 +43,20 @@ impl StartScene<'_> {
         self.landmarks.iter().flatten().count() < MIN_LANDMARKS
     }
 
+    /// The landmarks if all are given and none contradicts the others; else none of them. Two that are
+    /// swapped draw the map along with them, and would agree with its poses.
+    pub(crate) fn trusted_landmarks(&self) -> &[Option<Point3<f64>>] {
+        let source: Vec<Point3<f64>> = self.vertebrae.iter().map(|v| v.landmark).collect();
+        let is_complete = self.landmarks.iter().all(Option::is_some);
+        let agree =
+            worst_residual(&source, self.landmarks).is_some_and(|worst| worst <= CONTRADICTORY_MM);
+        if is_complete && agree {
+            self.landmarks
+        } else {
+            &[]
+        }
+    }
+
     /// All starts, the most trusted first.
     pub(crate) fn starts(&self) -> Vec<Configuration> {
         let source: Vec<Point3<f64>> = self.vertebrae.iter().map(|v| v.landmark).collect();

@@ -12,6 +12,7 @@ use nalgebra::{Isometry3, Point3, Translation3};
 use pedicle_registration::{
     ReferenceSurface, RefineOptions, Refinement, SurfaceHit, refine_on_surface,
 };
+use rayon::prelude::*;
 
 use crate::bone::BoneSurface;
 
@@ -64,10 +65,17 @@ impl<'a> PosedSpine<'a> {
         points: &[Point3<f64>],
         gate_mm: f64,
     ) -> Vec<Vec<(Point3<f64>, f64)>> {
+        let found: Vec<Option<(usize, f64)>> = points
+            .par_iter()
+            .map(|point| {
+                let (v, hit) = self.nearest(point, gate_mm)?;
+                Some((v, hit.distance_mm))
+            })
+            .collect();
         let mut lists = vec![Vec::new(); self.bones.len()];
-        for point in points {
-            if let Some((v, hit)) = self.nearest(point, gate_mm) {
-                lists[v].push((*point, hit.distance_mm));
+        for (point, found) in points.iter().zip(found) {
+            if let Some((v, distance_mm)) = found {
+                lists[v].push((*point, distance_mm));
             }
         }
         lists

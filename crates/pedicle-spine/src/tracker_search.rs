@@ -8,6 +8,7 @@
 
 use nalgebra::{Isometry3, Point3};
 use pedicle_registration::ReferenceSurface;
+use rayon::prelude::*;
 
 use crate::bone::BoneSurface;
 use crate::tracker::{Fitted, SpineTracker};
@@ -81,13 +82,18 @@ impl<'a> SpineTracker<'a> {
     ) {
         for gate_mm in self.options.gates_mm.iter().map(|gate| gate * widening) {
             let lists = self.posed(poses, true).assign(search, gate_mm);
-            for (own, v) in lists.iter().zip(self.followed()) {
-                if is_chosen[v] {
+            let found: Vec<(usize, Isometry3<f64>)> = lists
+                .par_iter()
+                .zip(self.followed())
+                .filter(|(_, v)| is_chosen[*v])
+                .filter_map(|(own, v)| {
                     let bone = &self.model.vertebrae[v].coarse;
-                    if let Some(fit) = fit(bone, own, &poses[v], (gate_mm, STEPS.0)) {
-                        poses[v] = fit.target_from_source;
-                    }
-                }
+                    let fit = fit(bone, own, &poses[v], (gate_mm, STEPS.0))?;
+                    Some((v, fit.target_from_source))
+                })
+                .collect();
+            for (v, pose) in found {
+                poses[v] = pose;
             }
         }
     }
@@ -122,23 +128,44 @@ impl<'a> SpineTracker<'a> {
                 explained_share: 0.0,
             })
             .collect();
-        for (own, v) in lists.iter().zip(self.followed()) {
-            let bone = &self.model.vertebrae[v].bone;
-            let Some(refinement) = fit(bone, own, &poses[v], (gate_mm, STEPS.1)) else {
-                fitted[v].n_points = own.len();
-                continue;
-            };
-            poses[v] = refinement.target_from_source;
-            let limit_mm = EXPLAINED.0 * refinement.noise_mm + EXPLAINED.1;
-            let back = poses[v].inverse();
-            let lies_on_it = |p: &Point3<f64>| bone.closest(&(back * p)).distance_mm <= limit_mm;
-            let n_explained = own.iter().filter(|(p, _)| lies_on_it(p)).count();
-            fitted[v] = Fitted {
-                n_points: refinement.n_inliers,
-                explained_share: n_explained as f64 / own.len().max(1) as f64,
-                refinement: Some(refinement),
-            };
+        let found: Vec<(usize, Fitted)> = lists
+            .par_iter()
+            .zip(self.followed())
+            .map(|(own, v)| (v, self.fitted(v, own, &poses[v], gate_mm)))
+            .collect();
+        for (v, found) in found {
+            if let Some(refinement) = &found.refinement {
+                poses[v] = refinement.target_from_source;
+            }
+            fitted[v] = found;
         }
         fitted
+    }
+
+    /// The fit of one vertebra to its points, and how many of them lie on it.
+    fn fitted(
+        &self,
+        v: usize,
+        own: &[(Point3<f64>, f64)],
+        start: &Isometry3<f64>,
+        gate_mm: f64,
+    ) -> Fitted {
+        let bone = &self.model.vertebrae[v].bone;
+        let Some(refinement) = fit(bone, own, start, (gate_mm, STEPS.1)) else {
+            return Fitted {
+                refinement: None,
+                n_points: own.len(),
+                explained_share: 0.0,
+            };
+        };
+        let limit_mm = EXPLAINED.0 * refinement.noise_mm + EXPLAINED.1;
+        let back = refinement.target_from_source.inverse();
+        let lies_on_it = |p: &Point3<f64>| bone.closest(&(back * p)).distance_mm <= limit_mm;
+        let n_explained = own.iter().filter(|(p, _)| lies_on_it(p)).count();
+        Fitted {
+            n_points: refinement.n_inliers,
+            explained_share: n_explained as f64 / own.len().max(1) as f64,
+            refinement: Some(refinement),
+        }
     }
 }

@@ -208,15 +208,12 @@ pub fn transfer_with_progress(
         n_turns: search.n_turns,
         free_space,
     };
-    let mut starts = Vec::new();
-    if let Some(poses) = map_poses {
-        starts.push(Configuration::new(Origin::FunctionalMap, poses));
-    }
-    starts.extend(scene.starts());
+    let mapped = map_poses.map(|poses| Configuration::new(Origin::FunctionalMap, poses));
     let found = Search::new(&model.vertebrae, &coarse, &search)
         .with_free_space(free_space)
+        .with_landmarks(scene.trusted_landmarks())
         .with_free_levels(scene.levels_are_free())
-        .run(starts);
+        .run(mapped, scene.starts());
 
     begins(Stage::Finish);
     let sensor = Sensor {

@@ -10,6 +10,7 @@ use pedicle_trajectory::{
     AnatomicalFrame, CheckOptions, Grade, Landmarks, Level, Pedicle, PedicleOptions, Plan, Side,
     Trajectory, anatomical_frames, check_trajectory, measure_pedicle, read_landmarks, read_plan,
 };
+use rayon::prelude::*;
 
 use crate::XtaskError;
 
@@ -154,7 +155,7 @@ fn true_vertebrae(
     };
     let frames = anatomical_frames(&pairs).map_err(failed)?;
     vertebrae
-        .iter()
+        .par_iter()
         .zip(frames)
         .map(|(vertebra, frame)| {
             let surface =
