@@ -108,6 +108,7 @@ fn stress_cells() -> Vec<SuiteCell> {
         match stress {
             Stress::Whole | Stress::Partial => &[2.0, 3.0],
             Stress::NoLandmark => &[0.0, 0.5],
+            Stress::OtherPatient => &[0.5, 2.0, 3.0],
             _ => &[0.5],
         }
     };

@@ -70,8 +70,10 @@ impl Conclusion<'_> {
             }
         }
         let together = self.together(&vertebrae, options);
+        let size = self.size(&vertebrae, options);
         for vertebra in vertebrae.iter_mut().filter(|v| v.reasons.is_empty()) {
             vertebra.reasons.extend(together.clone());
+            vertebra.reasons.extend(size.clone());
             vertebra.accepted = vertebra.reasons.is_empty();
         }
         vertebrae
@@ -107,6 +109,22 @@ impl Conclusion<'_> {
     pub(crate) fn stretch(&self) -> Vector3<f64> {
         let all: Vec<Stretch> = self.fit.fits.iter().filter_map(|fit| fit.stretch).collect();
         Stretch::pooled(&all).map_or_else(|| Vector3::repeat(f64::NAN), |s| s.relative)
+    }
+
+    /// Whether the vertebrae that are trusted otherwise, or would be if their poses were known better,
+    /// have the size of the plan's.
+    fn size(&self, vertebrae: &[VertebraTransfer], options: &VerdictOptions) -> Option<Rejection> {
+        let all: Vec<Stretch> = vertebrae
+            .iter()
+            .zip(&self.fit.fits)
+            .filter(|(v, _)| v.reasons.iter().all(Rejection::is_about_precision))
+            .filter_map(|(_, fit)| fit.stretch)
+            .collect();
+        let pooled = Stretch::pooled(&all)?;
+        let holds = pooled.beyond_noise(self.fit.noise_mm) <= options.max_stretch;
+        (!holds).then(|| Rejection::SizeDiffers {
+            larger: pooled.relative.into(),
+        })
     }
 
     fn judged_alone(

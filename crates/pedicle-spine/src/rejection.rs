@@ -54,6 +54,8 @@ pub enum Rejection {
     ShapeDiffers { misfit_mm: f64, patch_mm: f64 },
     /// The shapes of all vertebrae that are trusted otherwise differ together.
     SpineDiffers { misfit_mm: f64, patch_mm: f64 },
+    /// All bones together are larger or smaller than the plan's, along their left, anterior and up axes.
+    SizeDiffers { larger: [f64; 3] },
     /// The camera saw through where the bone would be.
     SeenThrough { share: f64, max: f64 },
     /// Too much of what lies close to the bone lies a little in front of it.
@@ -201,6 +203,14 @@ impl std::fmt::Display for Rejection {
                 f,
                 "the shapes of all vertebrae together differ from the plan's by {misfit_mm:.2} mm over \
                  patches of {patch_mm:.0} mm: is this the right patient?"
+            ),
+            Self::SizeDiffers { larger } => write!(
+                f,
+                "the bones are larger than the plan's by {:+.1} % to the side, {:+.1} % in depth and {:+.1} % \
+                 in height: is this the right patient?",
+                100.0 * larger[0],
+                100.0 * larger[1],
+                100.0 * larger[2]
             ),
             Self::SeenThrough { share, max } => write!(
                 f,

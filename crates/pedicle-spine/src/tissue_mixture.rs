@@ -163,7 +163,10 @@ impl TissueMixture<'_> {
             state = self.state_of(&seen, &means, &weights);
             let (weights, log_likelihood) = state.weighed(&seen, &means);
             state = self.state_of(&seen, &means, &weights);
-            if best.as_ref().is_some_and(|b| log_likelihood < b.log_likelihood) {
+            if best
+                .as_ref()
+                .is_some_and(|b| log_likelihood < b.log_likelihood)
+            {
                 break;
             }
             let (information, gradient) = normal_equations(&seen, &weights, state.noise_mm);
@@ -199,13 +202,21 @@ impl TissueMixture<'_> {
             }
         }
         if n <= 0.0 {
-            return State { noise_mm: self.sensor_mm, share: FIRST_SHARE, offset_mm: 0.0 };
+            return State {
+                noise_mm: self.sensor_mm,
+                share: FIRST_SHARE,
+                offset_mm: 0.0,
+            };
         }
-        let noise_mm = (squares / n).sqrt().clamp(NOISE_RANGE.0 * self.sensor_mm, NOISE_RANGE.1 * self.sensor_mm);
+        let noise_mm = (squares / n).sqrt().clamp(
+            NOISE_RANGE.0 * self.sensor_mm,
+            NOISE_RANGE.1 * self.sensor_mm,
+        );
         let most_mm = BUMPS_PER_MM * noise_mm * noise_mm;
         State {
             noise_mm,
-            share: ((n + PRIOR_POINTS * FIRST_SHARE) / (n_all + PRIOR_POINTS)).clamp(SHARE_RANGE.0, SHARE_RANGE.1),
+            share: ((n + PRIOR_POINTS * FIRST_SHARE) / (n_all + PRIOR_POINTS))
+                .clamp(SHARE_RANGE.0, SHARE_RANGE.1),
             offset_mm: (offset / n).clamp(0.0, most_mm),
         }
     }
@@ -349,7 +360,12 @@ fn moved(pose: &Isometry3<f64>, step: &Vector6<f64>, center: &Point3<f64>) -> Is
     moved
 }
 
-fn covariance(seen: &[Seen], weights: &[f64], noise_mm: f64, center: &Point3<f64>) -> Option<PoseCovariance> {
+fn covariance(
+    seen: &[Seen],
+    weights: &[f64],
+    noise_mm: f64,
+    center: &Point3<f64>,
+) -> Option<PoseCovariance> {
     let mut curvature = Matrix6::zeros();
     let mut scatter = Matrix6::zeros();
     for (s, &w) in seen.iter().zip(weights) {
@@ -362,6 +378,10 @@ fn covariance(seen: &[Seen], weights: &[f64], noise_mm: f64, center: &Point3<f64
     let inverse = curvature.cholesky()?.inverse();
     let scaled = inverse * scatter * inverse;
     let scale = Vector6::new(LEVER_MM, LEVER_MM, LEVER_MM, 1.0, 1.0, 1.0).map(|x| 1.0 / x);
-    let matrix = Matrix6::from_fn(|i, j| 0.5 * (scaled[(i, j)] + scaled[(j, i)]) * scale[i] * scale[j]);
-    Some(PoseCovariance { matrix, center: *center })
+    let matrix =
+        Matrix6::from_fn(|i, j| 0.5 * (scaled[(i, j)] + scaled[(j, i)]) * scale[i] * scale[j]);
+    Some(PoseCovariance {
+        matrix,
+        center: *center,
+    })
 }
