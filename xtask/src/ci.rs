@@ -219,7 +219,10 @@ mod tests {
 
     fn lanes(builds: &[&str], programs: &[&str]) -> Result<bool, XtaskError> {
         let steps = |lines: &[&str]| -> Vec<Step> {
-            lines.iter().map(|line| Step::new("step", line)).collect()
+            lines
+                .iter()
+                .map(|line| Step::new("a step of a test", line))
+                .collect()
         };
         beside_each_other(&steps(builds), &steps(programs))
     }

@@ -82,8 +82,8 @@ impl PedicleAnatomy {
     /// sections through the isthmus, of the line at right angles to the shortest chord between canal and
     /// lateral cortex; `None` if none shows both.
     ///
-    /// `mesh` and `frame` are those of the vertebra. It is cut anew at every call, which takes a tenth of what
-    /// [`measure_spine`] takes for the pedicle; no screw needs it.
+    /// `mesh` and `frame` are those of the vertebra. It is cut anew at every call; no screw needs the
+    /// angle, so [`measure_spine`] leaves it out.
     #[must_use]
     pub fn axial_angle_rad(&self, mesh: &TriMesh, frame: &AnatomicalFrame) -> Option<f64> {
         axial_transverse_angle_rad(mesh, frame, &self.pedicle)
