@@ -121,7 +121,7 @@ impl Conclusion<'_> {
             .filter_map(|(_, fit)| fit.stretch)
             .collect();
         let pooled = Stretch::pooled(&all)?;
-        let holds = pooled.beyond_noise(self.fit.noise_mm) <= options.max_stretch;
+        let holds = pooled.chi_squared(self.fit.noise_mm) <= options.max_size_chi_squared;
         (!holds).then(|| Rejection::SizeDiffers {
             larger: pooled.relative.into(),
         })

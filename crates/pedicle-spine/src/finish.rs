@@ -198,7 +198,7 @@ pub(crate) fn finish(
             .map(|v| {
                 refinements[v].as_ref()?;
                 among_tissue(
-                    &vertebrae[v],
+                    &vertebrae[v].bone,
                     v as u8,
                     &owners,
                     &poses[v],
@@ -249,11 +249,12 @@ pub(crate) fn finish(
                 hidden_share: explained.hidden_share(v),
                 misfit,
                 stretch: stretch(
-                    vertebra,
+                    (&vertebra.bone, &vertebra.frame),
                     &poses[v],
                     &own,
                     fitted_mm,
                     sensor.free_space.is_some(),
+                ),
                 ),
                 seen_through: sensor.free_space.map_or(0.0, |free_space| {
                     free_space

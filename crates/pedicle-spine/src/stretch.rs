@@ -14,8 +14,9 @@
 
 use nalgebra::{Isometry3, Matrix3, Point3, SMatrix, SVector, Vector3};
 use pedicle_registration::ReferenceSurface;
+use pedicle_trajectory::AnatomicalFrame;
 
-use crate::model::Vertebra;
+use crate::bone::BoneSurface;
 
 /// Unknowns: pose and stretch.
 const N: usize = 9;
@@ -32,10 +33,10 @@ const LEVER_MM: f64 = 25.0;
 const BY_NOISE: [f64; 3] = [0.0042, 0.0042, 0.0095];
 /// The same of what a camera sees, whose noise lies along its rays.
 const BY_NOISE_OF_CAMERA: [f64; 3] = [-0.002, 0.007, -0.010];
-/// How far that may be off for all bones of a spine together, 1/mm².
-const NOISE_VARIES: f64 = 0.0045;
-/// Standard deviations that chance is granted.
-const CHANCE_IN_SIGMA: f64 = 3.0;
+/// Standard deviation of that over spines and targets, for all bones of a spine together, 1/mm².
+const NOISE_VARIES: [f64; 3] = [0.0020, 0.0025, 0.0035];
+/// What triangulations and soft tissue do to the size.
+const FLOOR: f64 = 0.006;
 
 /// The stretch of a bone and how well it is known.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -58,36 +59,33 @@ impl Stretch {
         })
     }
 
-    /// What is left of the largest difference once what noise of `noise_mm` and chance may do is taken off.
-    /// NaN if the sizes are.
-    pub(crate) fn beyond_noise(&self, noise_mm: f64) -> f64 {
-        let covariance = self.information.try_inverse();
-        let deviations = covariance.map_or_else(
-            || Vector3::repeat(f64::NAN),
-            |c| c.diagonal().map(f64::sqrt),
-        );
-        let granted = NOISE_VARIES * noise_mm * noise_mm;
-        let left = self
-            .relative
-            .zip_map(&deviations, |e, d| e.abs() - CHANCE_IN_SIGMA * d - granted);
-        left.iter().fold(f64::NEG_INFINITY, |most, &x| {
-            if x > most || x.is_nan() { x } else { most }
-        })
+    /// eᵀ C⁻¹ e with C the covariance of the stretch e, of what noise of `noise_mm` may do to it and of
+    /// what else may: χ² with three degrees of freedom if the bones are as large as the plan's. NaN if
+    /// unknown.
+    pub(crate) fn chi_squared(&self, noise_mm: f64) -> f64 {
+        let Some(mut covariance) = self.information.try_inverse() else {
+            return f64::NAN;
+        };
+        for (k, varies) in NOISE_VARIES.iter().enumerate() {
+            let by_noise = varies * noise_mm * noise_mm;
+            covariance[(k, k)] += by_noise * by_noise + FLOOR * FLOOR;
+        }
+        covariance
+            .cholesky()
+            .map_or(f64::NAN, |c| self.relative.dot(&c.solve(&self.relative)))
     }
 }
 
 /// How much larger a vertebra is in the target, by the points given to it. None if they do not tell.
 pub(crate) fn stretch(
-    vertebra: &Vertebra,
+    (bone, frame): (&BoneSurface, &AnatomicalFrame),
     pose: &Isometry3<f64>,
     points: &[Point3<f64>],
     noise_mm: f64,
     is_from_camera: bool,
 ) -> Option<Stretch> {
-    let bone = &vertebra.bone;
     let inverse = pose.inverse();
     let within_mm = WITHIN_FLOOR_MM + WITHIN_SIGMA * noise_mm;
-    let frame = &vertebra.frame;
     let axes = [frame.left, frame.anterior, frame.up];
     let mut matrix = SMatrix::<f64, N, N>::zeros();
     let mut right = SVector::<f64, N>::zeros();
@@ -136,4 +134,51 @@ pub(crate) fn stretch(
         relative,
         information: own.try_inverse()?,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pedicle_simulation::{MeshingOptions, PhantomParameters, generate_phantom};
+
+    #[test]
+    fn bones_of_another_size_are_told_and_their_own_are_not() {
+        let phantom =
+            generate_phantom(&PhantomParameters::default(), &MeshingOptions::default()).unwrap();
+        let pose = Isometry3::new(Vector3::new(5.0, -3.0, 80.0), Vector3::new(0.3, 0.2, -0.4));
+        let frame = AnatomicalFrame {
+            origin: Point3::origin(),
+            left: Vector3::x(),
+            anterior: -Vector3::y(),
+            up: Vector3::z(),
+        };
+        let pooled = |larger: [f64; 3]| {
+            let scale = Vector3::new(1.0 + larger[0], 1.0 + larger[1], 1.0 + larger[2]);
+            let all: Vec<Stretch> = phantom
+                .vertebrae
+                .iter()
+                .map(|vertebra| {
+                    let bone = BoneSurface::new(&vertebra.mesh).unwrap();
+                    let center = bone.centroid();
+                    let grown = |p: &Point3<f64>| pose * (center + (p - center).component_mul(&scale));
+                    let points: Vec<_> = vertebra.mesh.vertices().iter().step_by(7).map(grown).collect();
+                    stretch((&bone, &frame), &pose, &points, 0.2, false).unwrap()
+                })
+                .collect();
+            Stretch::pooled(&all).unwrap()
+        };
+        let own = pooled([0.0; 3]);
+        assert!(own.chi_squared(0.2) < 0.1, "{own:?}");
+        let other = pooled([0.02, -0.01, 0.015]);
+        for (k, truth) in [0.02, -0.01, 0.015].into_iter().enumerate() {
+            let found = other.relative[k];
+            assert!((found - truth).abs() < 0.004, "axis {k}: {found} for {truth}");
+        }
+        assert!(other.chi_squared(0.2) > 10.0, "{other:?}");
+        assert!(
+            other.chi_squared(3.0) < 3.0,
+            "at a noise of 3 mm such a size proves nothing"
+        );
+        assert!(Stretch::pooled(&[]).is_none(), "nothing is known of nothing");
+    }
 }

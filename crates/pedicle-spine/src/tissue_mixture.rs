@@ -20,7 +20,6 @@ use nalgebra::{Isometry3, Matrix6, Point3, Translation3, UnitQuaternion, Vector3
 use pedicle_registration::{PoseCovariance, ReferenceSurface, pose_difference};
 
 use crate::bone::BoneSurface;
-use crate::model::Vertebra;
 use crate::points::PointSet;
 use crate::scoring::UNASSIGNED;
 use crate::uncertainty::{density, lower_tail};
@@ -78,13 +77,12 @@ pub(crate) struct AmongTissue {
 /// The covariance holds the square of the way from that pose as well: where the choice of points moves the
 /// pose, it is not known better than that.
 pub(crate) fn among_tissue(
-    vertebra: &Vertebra,
+    bone: &BoneSurface,
     v: u8,
     owners: &[u8],
     pose: &Isometry3<f64>,
     (points, sensor_mm): (&PointSet, f64),
 ) -> Option<AmongTissue> {
-    let bone = &vertebra.bone;
     let inverse = pose.inverse();
     let reach_mm = THICKEST_MM + REACH_IN_SIGMA * sensor_mm;
     let own: Vec<u32> = (0..owners.len() as u32)
@@ -384,4 +382,95 @@ fn covariance(
         matrix,
         center: *center,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pedicle_registration::{RefineOptions, pose_error, refine_on_surface};
+    use pedicle_simulation::{MeshingOptions, PhantomParameters, generate_phantom};
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    const NOISE_MM: f64 = 0.5;
+
+    /// What is seen from behind of a vertebra, the upper left of it under tissue of 1 to 4 mm; with the
+    /// points that are bone.
+    fn seen(bone: &BoneSurface, mesh: &pedicle_mesh::TriMesh, pose: &Isometry3<f64>) -> (PointSet, Vec<bool>) {
+        let mut rng = ChaCha8Rng::seed_from_u64(11);
+        let mut normal_draw = || (0..12).map(|_| rng.random_range(0.0..1.0)).sum::<f64>() - 6.0;
+        let (mut positions, mut normals, mut is_bone) = (Vec::new(), Vec::new(), Vec::new());
+        for (p, n) in mesh.vertices().iter().zip(mesh.vertex_normals()).step_by(3) {
+            if n.y < 0.3 {
+                continue;
+            }
+            let from_center = p - bone.centroid();
+            let tissue_mm = (0.2 * (from_center.x + from_center.z)).clamp(-1.0, 4.0);
+            let bare = tissue_mm < 1.0;
+            let offset_mm = if bare { 0.0 } else { tissue_mm } + NOISE_MM * normal_draw();
+            positions.push(pose * (p + n * offset_mm));
+            normals.push(pose.rotation * n);
+            is_bone.push(bare);
+        }
+        let patches = positions
+            .iter()
+            .map(|p: &Point3<f64>| {
+                let mut order: Vec<u32> = (0..positions.len() as u32).collect();
+                let far = |q: u32| (positions[q as usize] - p).norm_squared();
+                order.sort_by(|&a, &b| far(a).total_cmp(&far(b)));
+                order.truncate(24);
+                order
+            })
+            .collect();
+        let points = PointSet {
+            positions,
+            normals,
+            is_oriented: true,
+            patches,
+        };
+        (points, is_bone)
+    }
+
+    #[test]
+    fn tissue_is_told_from_bone_and_does_not_pull() {
+        let phantom =
+            generate_phantom(&PhantomParameters::default(), &MeshingOptions::default()).unwrap();
+        let mesh = &phantom.vertebrae[2].mesh;
+        let bone = BoneSurface::new(mesh).unwrap();
+        let truth = Isometry3::new(Vector3::new(4.0, 7.0, -3.0), Vector3::new(0.1, -0.2, 0.3));
+        let (points, is_bone) = seen(&bone, mesh, &truth);
+        let start = truth * Isometry3::new(Vector3::new(0.3, 0.3, -0.2), Vector3::new(0.01, 0.0, -0.01));
+        let owners = vec![2; points.positions.len()];
+        let found = among_tissue(&bone, 2, &owners, &start, (&points, NOISE_MM)).unwrap();
+        let n_bone = found.bare.iter().filter(|&&p| is_bone[p as usize]).count();
+        let n_tissue = found.bare.len() - n_bone;
+        let all_bone = is_bone.iter().filter(|b| **b).count();
+        assert!(10 * n_bone > 9 * all_bone, "{n_bone} of {all_bone} points of bone are kept");
+        let all_tissue = is_bone.len() - all_bone;
+        assert!(all_tissue > 100 && 5 * n_tissue < all_tissue, "{n_tissue} of {all_tissue} of tissue");
+        let center = bone.centroid();
+        let error = pose_error(&found.target_from_source, &truth, &center);
+        let options = RefineOptions { max_distance_mm: 4.5 * NOISE_MM, ..RefineOptions::default() };
+        let plain = refine_on_surface(&bone, &points.positions, &start, &options).unwrap();
+        let plain = pose_error(&plain.target_from_source, &truth, &center);
+        assert!(
+            error.translation_mm < 0.2 && error.translation_mm < plain.translation_mm,
+            "{error:?}, without telling {plain:?}"
+        );
+        let chi_squared = found
+            .covariance
+            .normalized_error_squared(&found.target_from_source, &truth)
+            .unwrap();
+        assert!(chi_squared < 25.0, "the covariance is honest: {chi_squared}");
+    }
+
+    #[test]
+    fn too_few_points_fix_nothing() {
+        let phantom =
+            generate_phantom(&PhantomParameters::default(), &MeshingOptions::default()).unwrap();
+        let bone = BoneSurface::new(&phantom.vertebrae[0].mesh).unwrap();
+        let points = PointSet::default();
+        let pose = Isometry3::identity();
+        assert!(among_tissue(&bone, 0, &[], &pose, (&points, 0.5)).is_none(), "no point");
+    }
 }
