@@ -255,7 +255,6 @@ pub(crate) fn finish(
                     fitted_mm,
                     sensor.free_space.is_some(),
                 ),
-                ),
                 seen_through: sensor.free_space.map_or(0.0, |free_space| {
                     free_space
                         .contradiction(&vertebra.patches, &poses[v])

@@ -160,8 +160,15 @@ mod tests {
                 .map(|vertebra| {
                     let bone = BoneSurface::new(&vertebra.mesh).unwrap();
                     let center = bone.centroid();
-                    let grown = |p: &Point3<f64>| pose * (center + (p - center).component_mul(&scale));
-                    let points: Vec<_> = vertebra.mesh.vertices().iter().step_by(7).map(grown).collect();
+                    let grown =
+                        |p: &Point3<f64>| pose * (center + (p - center).component_mul(&scale));
+                    let points: Vec<_> = vertebra
+                        .mesh
+                        .vertices()
+                        .iter()
+                        .step_by(7)
+                        .map(grown)
+                        .collect();
                     stretch((&bone, &frame), &pose, &points, 0.2, false).unwrap()
                 })
                 .collect();
@@ -172,13 +179,19 @@ mod tests {
         let other = pooled([0.02, -0.01, 0.015]);
         for (k, truth) in [0.02, -0.01, 0.015].into_iter().enumerate() {
             let found = other.relative[k];
-            assert!((found - truth).abs() < 0.004, "axis {k}: {found} for {truth}");
+            assert!(
+                (found - truth).abs() < 0.004,
+                "axis {k}: {found} for {truth}"
+            );
         }
         assert!(other.chi_squared(0.2) > 10.0, "{other:?}");
         assert!(
             other.chi_squared(3.0) < 3.0,
             "at a noise of 3 mm such a size proves nothing"
         );
-        assert!(Stretch::pooled(&[]).is_none(), "nothing is known of nothing");
+        assert!(
+            Stretch::pooled(&[]).is_none(),
+            "nothing is known of nothing"
+        );
     }
 }

@@ -396,7 +396,11 @@ mod tests {
 
     /// What is seen from behind of a vertebra, the upper left of it under tissue of 1 to 4 mm; with the
     /// points that are bone.
-    fn seen(bone: &BoneSurface, mesh: &pedicle_mesh::TriMesh, pose: &Isometry3<f64>) -> (PointSet, Vec<bool>) {
+    fn seen(
+        bone: &BoneSurface,
+        mesh: &pedicle_mesh::TriMesh,
+        pose: &Isometry3<f64>,
+    ) -> (PointSet, Vec<bool>) {
         let mut rng = ChaCha8Rng::seed_from_u64(11);
         let mut normal_draw = || (0..12).map(|_| rng.random_range(0.0..1.0)).sum::<f64>() - 6.0;
         let (mut positions, mut normals, mut is_bone) = (Vec::new(), Vec::new(), Vec::new());
@@ -439,18 +443,28 @@ mod tests {
         let bone = BoneSurface::new(mesh).unwrap();
         let truth = Isometry3::new(Vector3::new(4.0, 7.0, -3.0), Vector3::new(0.1, -0.2, 0.3));
         let (points, is_bone) = seen(&bone, mesh, &truth);
-        let start = truth * Isometry3::new(Vector3::new(0.3, 0.3, -0.2), Vector3::new(0.01, 0.0, -0.01));
+        let start =
+            truth * Isometry3::new(Vector3::new(0.3, 0.3, -0.2), Vector3::new(0.01, 0.0, -0.01));
         let owners = vec![2; points.positions.len()];
         let found = among_tissue(&bone, 2, &owners, &start, (&points, NOISE_MM)).unwrap();
         let n_bone = found.bare.iter().filter(|&&p| is_bone[p as usize]).count();
         let n_tissue = found.bare.len() - n_bone;
         let all_bone = is_bone.iter().filter(|b| **b).count();
-        assert!(10 * n_bone > 9 * all_bone, "{n_bone} of {all_bone} points of bone are kept");
+        assert!(
+            10 * n_bone > 9 * all_bone,
+            "{n_bone} of {all_bone} points of bone are kept"
+        );
         let all_tissue = is_bone.len() - all_bone;
-        assert!(all_tissue > 100 && 5 * n_tissue < all_tissue, "{n_tissue} of {all_tissue} of tissue");
+        assert!(
+            all_tissue > 100 && 5 * n_tissue < all_tissue,
+            "{n_tissue} of {all_tissue} of tissue"
+        );
         let center = bone.centroid();
         let error = pose_error(&found.target_from_source, &truth, &center);
-        let options = RefineOptions { max_distance_mm: 4.5 * NOISE_MM, ..RefineOptions::default() };
+        let options = RefineOptions {
+            max_distance_mm: 4.5 * NOISE_MM,
+            ..RefineOptions::default()
+        };
         let plain = refine_on_surface(&bone, &points.positions, &start, &options).unwrap();
         let plain = pose_error(&plain.target_from_source, &truth, &center);
         assert!(
@@ -461,7 +475,10 @@ mod tests {
             .covariance
             .normalized_error_squared(&found.target_from_source, &truth)
             .unwrap();
-        assert!(chi_squared < 25.0, "the covariance is honest: {chi_squared}");
+        assert!(
+            chi_squared < 25.0,
+            "the covariance is honest: {chi_squared}"
+        );
     }
 
     #[test]
@@ -471,6 +488,9 @@ mod tests {
         let bone = BoneSurface::new(&phantom.vertebrae[0].mesh).unwrap();
         let points = PointSet::default();
         let pose = Isometry3::identity();
-        assert!(among_tissue(&bone, 0, &[], &pose, (&points, 0.5)).is_none(), "no point");
+        assert!(
+            among_tissue(&bone, 0, &[], &pose, (&points, 0.5)).is_none(),
+            "no point"
+        );
     }
 }
