@@ -101,7 +101,7 @@ fn a_target_too_coarse_for_the_basis() {
     let path = scene.folder.path().join("near.json");
     write_landmarks(&path, &landmarks).unwrap();
     scene.target_landmarks = path;
-    refused(&scene, &["coarse.ply", "4 vertices", "120 eigenfunctions"]);
+    refused(&scene, &["coarse.ply", "4 vertices", "80 eigenfunctions"]);
 }
 
 #[test]
