@@ -72,6 +72,7 @@ mod search_mix;
 mod starts;
 mod target;
 mod tracker;
+mod tracker_fit;
 mod tracker_motion;
 mod tracker_search;
 mod tracker_state;
