@@ -137,13 +137,13 @@ impl SpineTracker<'_> {
         let mut owned: Vec<Vec<u32>> = Vec::new();
         let is_any_lost = self.tracks.iter().any(|track| track.n_frames_lost > 0);
         let first_round = if is_any_lost { 0 } else { KNOWN_FROM };
-        for round in first_round..ROUNDS {
+        for (round, wider) in WIDER.iter().enumerate().skip(first_round) {
             // Later poses are nearly right: points do not change hands.
             if round == first_round || round == KNOWN_FROM {
                 owned = self.owned(&seen.points, &poses);
             }
             bare = owned.clone();
-            let gate_mm = WIDER[round] * gate_mm;
+            let gate_mm = wider * gate_mm;
             bare.par_iter_mut()
                 .zip(&mut refinements)
                 .zip(&mut poses)
