@@ -126,6 +126,20 @@ impl BoneSurface {
         }
     }
 
+    /// Whether a point may lie within a distance of the surface: never wrongly no, and yes for some
+    /// millimetres more. Fast where the surface has cells.
+    pub(crate) fn is_about(&self, point: &Point3<f64>, within_mm: f64) -> bool {
+        if (point - self.centroid).norm() > self.radius_mm + within_mm {
+            return false;
+        }
+        let Some(cells) = &self.cells else {
+            return true;
+        };
+        cells.vertex_near(point).is_none_or(|v| {
+            (self.vertices[v as usize] - point).norm() <= within_mm + CELLS_REACH_MM
+        })
+    }
+
     /// Index of the vertex nearest to a point.
     pub(crate) fn nearest_vertex(&self, point: &Point3<f64>) -> u32 {
         let query = [point.x, point.y, point.z];
@@ -179,6 +193,10 @@ impl BoneSurface {
 
 /// A walk that ends farther away than this is not trusted, mm: thin bone is twice as thick.
 const WALK_REACH_MM: f64 = 1.5;
+
+/// The vertex that a cell knows is farther away than the surface by no more than this, mm: by the
+/// diagonal of a cell and the distance between vertices.
+const CELLS_REACH_MM: f64 = 4.0;
 
 /// Edge of a square that each vertex would have for itself, mm.
 fn spacing_mm(mesh: &TriMesh) -> f64 {

@@ -74,6 +74,7 @@ mod stretch;
 mod target;
 mod tissue_mixture;
 mod tracker;
+mod tracker_fit;
 mod tracker_motion;
 mod tracker_search;
 mod tracker_state;

@@ -4,6 +4,8 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use rand::seq::index;
 use rand_chacha::ChaCha8Rng;
 
+use crate::SensorView;
+
 /// Least cosine between the normal of a target point and the normal of the bone it lies on: within
 /// 53°, wide enough for noisy normals and rounded edges. Soft tissue lies across the bone as often as
 /// along it.
@@ -46,6 +48,16 @@ impl PointSet {
         normal: &Vector3<f64>,
     ) -> bool {
         self.normals.is_empty() || self.agrees(point, &(pose.rotation * normal))
+    }
+
+    /// Gives the normals a sign: a camera sees the outside.
+    pub(crate) fn turn_towards(&mut self, view: &SensorView) {
+        self.is_oriented = true;
+        for (normal, p) in self.normals.iter_mut().zip(&self.positions) {
+            if normal.dot(&(view.camera_mm - p)) < 0.0 {
+                *normal = -*normal;
+            }
+        }
     }
 
     /// Some of the points, in their order.

@@ -89,7 +89,7 @@ pub(crate) fn prepare(
     let n_points_alone = points.len() - kept.len();
     let mut fine = sample(points, mesh.as_ref(), kept, n_fine, rng);
     let local = if is_measured {
-        local_shape(&fine.points.positions)?
+        local_shape(&fine.points.positions, LARGEST_PATCH_MM)?
     } else {
         None
     };
@@ -99,12 +99,7 @@ pub(crate) fn prepare(
         points.normals = local.normals;
         points.patches = local.patches;
         if let Some(view) = &target.view {
-            points.is_oriented = true;
-            for (normal, p) in points.normals.iter_mut().zip(&points.positions) {
-                if normal.dot(&(view.camera_mm - p)) < 0.0 {
-                    *normal = -*normal;
-                }
-            }
+            points.turn_towards(view);
         }
     }
     let area_share = mesh.as_ref().map(|mesh| {
@@ -145,7 +140,7 @@ pub(crate) fn tree_of(points: &[Point3<f64>]) -> Result<ImmutableKdTree<f64, 3>,
 }
 
 /// Indices of the points that do not float alone.
-fn not_alone(points: &[Point3<f64>]) -> Result<Vec<usize>, SpineError> {
+pub(crate) fn not_alone(points: &[Point3<f64>]) -> Result<Vec<usize>, SpineError> {
     let tree = tree_of(points)?;
     let wanted = NonZero::<usize>::MIN.saturating_add(NEIGHBORS);
     let spread: Vec<f64> = points
@@ -170,16 +165,19 @@ fn not_alone(points: &[Point3<f64>]) -> Result<Vec<usize>, SpineError> {
 }
 
 /// The noise of dense points and their normals.
-struct Local {
+pub(crate) struct Local {
     /// Median over samples of the deviation of a patch from its own best quadric
     /// z = a + bx + cy + dx² + exy + fy², corrected for its six unknowns.
-    noise_mm: f64,
-    normals: Vec<Vector3<f64>>,
-    patches: Vec<Vec<u32>>,
+    pub(crate) noise_mm: f64,
+    pub(crate) normals: Vec<Vector3<f64>>,
+    pub(crate) patches: Vec<Vec<u32>>,
 }
 
-/// None if the points lie too far apart.
-fn local_shape(points: &[Point3<f64>]) -> Result<Option<Local>, SpineError> {
+/// None if the points lie so far apart that half of the patches are larger than this radius.
+pub(crate) fn local_shape(
+    points: &[Point3<f64>],
+    largest_patch_mm: f64,
+) -> Result<Option<Local>, SpineError> {
     let tree = tree_of(points)?;
     let wanted = NonZero::<usize>::MIN.saturating_add(PATCH_NEIGHBORS - 1);
     let patch_of = |p: &Point3<f64>| {
@@ -204,6 +202,8 @@ fn local_shape(points: &[Point3<f64>]) -> Result<Option<Local>, SpineError> {
     let (mut radii, mut noise): (Vec<f64>, Vec<f64>) = points
         .iter()
         .step_by(stride)
+        .collect::<Vec<_>>()
+        .into_par_iter()
         .filter_map(|p| {
             let (radius, patch) = patch_of(p);
             Some((radius, quadric_deviation(&positions(&patch))?))
@@ -213,7 +213,7 @@ fn local_shape(points: &[Point3<f64>]) -> Result<Option<Local>, SpineError> {
     noise.sort_by(f64::total_cmp);
     if radii
         .get(radii.len() / 2)
-        .is_none_or(|&radius| radius > LARGEST_PATCH_MM)
+        .is_none_or(|&radius| radius > largest_patch_mm)
     {
         return Ok(None);
     }

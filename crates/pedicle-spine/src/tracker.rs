@@ -11,21 +11,23 @@
 //! 2. Points are given to vertebrae and every vertebra is fitted, in rounds of shrinking gates, on
 //!    the simplified surfaces; lost vertebrae afterwards, from where their neighbours' motion has
 //!    carried them.
-//! 3. One fit on the full-resolution surfaces, with a limited number of points.
-//! 4. Fit, certainty, jump and neighbours are checked. What fails is lost in this frame, and said so.
+//! 3. Fits on the full-resolution surfaces to the points of bare bone among a limited number. Among
+//!    points so dense that they have normals, vertebrae that were placed in the last frame go there at once.
+//! 4. What a transfer asks of a fit, jump and neighbours are checked. What fails is lost in this frame, and
+//!    said so.
 //!
 //! Points and poses are in the frame of the sensor, mm. The same frames give the same poses.
 
 use nalgebra::{Isometry3, Point3};
-use pedicle_registration::Refinement;
 use rand::SeedableRng;
 use rand::seq::index;
 use rand_chacha::ChaCha8Rng;
 
+use crate::tracker_fit::Fitted;
 use crate::tracker_verdict::median;
 use crate::{
-    LostReason, SpineError, SpineModel, TrackState, TrackedFrame, TrackedVertebra, TrackerOptions,
-    Transfer,
+    LostReason, SensorView, SpineError, SpineModel, TrackState, TrackedFrame, TrackedVertebra,
+    TrackerOptions, Transfer,
 };
 
 /// A lost vertebra is looked for with gates this much wider.
@@ -39,6 +41,8 @@ pub(crate) struct Track {
     pub(crate) pose: Isometry3<f64>,
     /// Whether the first result vouched for it.
     pub(crate) is_followed: bool,
+    /// Whether the pose is a fit of the last frame, although nobody vouches for it.
+    pub(crate) is_guessed: bool,
     pub(crate) n_frames_lost: usize,
 }
 
@@ -53,14 +57,10 @@ pub struct SpineTracker<'a> {
     pub(crate) tracks: Vec<Track>,
     /// Running mean over the frames, mm; none before the first one.
     pub(crate) noise_mm: Option<f64>,
+    /// Noise of the sensor as the first result found it, mm.
+    pub(crate) sensor_noise_mm: Option<f64>,
+    pub(crate) view: Option<SensorView>,
     n_frames: u64,
-}
-
-/// A vertebra after the fits of a frame, before it is judged.
-pub(crate) struct Fitted {
-    pub(crate) refinement: Option<Refinement>,
-    pub(crate) n_points: usize,
-    pub(crate) explained_share: f64,
 }
 
 impl<'a> SpineTracker<'a> {
@@ -79,10 +79,21 @@ impl<'a> SpineTracker<'a> {
             .map(|v| Track {
                 pose: v.target_from_source,
                 is_followed: v.accepted,
+                is_guessed: false,
                 n_frames_lost: 0,
             })
             .collect();
-        Self::from_tracks(model, tracks, options)
+        let mut tracker = Self::from_tracks(model, tracks, options)?;
+        tracker.noise_mm = Some(transfer.noise_mm).filter(|noise| noise.is_finite());
+        tracker.sensor_noise_mm = transfer.sensor_noise_mm;
+        Ok(tracker)
+    }
+
+    /// The same tracker with the camera that sees the frames. It may be told anew before every frame.
+    #[must_use]
+    pub fn seen_from(mut self, view: SensorView) -> Self {
+        self.view = Some(view);
+        self
     }
 
     /// Starts from one `target_from_source` a vertebra, L1 first, all of them trusted.
@@ -99,6 +110,7 @@ impl<'a> SpineTracker<'a> {
             .map(|pose| Track {
                 pose: *pose,
                 is_followed: true,
+                is_guessed: false,
                 n_frames_lost: 0,
             })
             .collect();
@@ -133,6 +145,8 @@ impl<'a> SpineTracker<'a> {
             options,
             tracks,
             noise_mm: None,
+            sensor_noise_mm: None,
+            view: None,
             n_frames: 0,
         })
     }
@@ -144,9 +158,7 @@ impl<'a> SpineTracker<'a> {
     pub fn update(&mut self, points: &[Point3<f64>]) -> Result<TrackedFrame, SpineError> {
         check_points(points)?;
         let mut rng = ChaCha8Rng::seed_from_u64(self.options.seed ^ self.n_frames);
-        self.n_frames += 1;
         let search = thin_out(points, self.options.n_search_points, &mut rng);
-        let fine = thin_out(points, self.options.n_fine_points, &mut rng);
 
         let moved = self.moved(&search);
         let mut poses: Vec<Isometry3<f64>> = self
@@ -154,52 +166,66 @@ impl<'a> SpineTracker<'a> {
             .iter()
             .map(|track| moved.unwrap_or_default() * track.pose)
             .collect();
+        let seen = self.seen(points, &poses, &mut rng)?;
         let expected = poses.clone();
-        let is_known: Vec<bool> = self
-            .tracks
-            .iter()
-            .map(|track| track.is_followed && track.n_frames_lost == 0)
-            .collect();
-        self.search_rounds(&mut poses, &search, (1.0, &is_known));
-        self.carry_unknown(&mut poses, &is_known);
-        let is_lost: Vec<bool> = self
-            .tracks
-            .iter()
-            .map(|track| track.is_followed && track.n_frames_lost > 0)
-            .collect();
+        let chosen = |f: &dyn Fn(&Track) -> bool| -> Vec<bool> {
+            let chosen = self
+                .tracks
+                .iter()
+                .map(|track| track.is_followed && f(track));
+            chosen.collect()
+        };
+        let is_known = chosen(&|track| track.n_frames_lost == 0);
+        let is_lost = chosen(&|track| track.n_frames_lost > 0 && !track.is_guessed);
+        let is_placed: Vec<bool> = is_lost.iter().map(|is_lost| !is_lost).collect();
+        self.carry_unknown(&mut poses, &is_placed);
+        // Among dense points the last fit finds its own way, and tissue would pull the search.
+        if seen.noise_mm.is_none() {
+            self.search_rounds(&mut poses, &search, (1.0, &is_known));
+        }
         if is_lost.contains(&true) {
             self.search_rounds(&mut poses, &search, (LOST_GATE_FACTOR, &is_lost));
         }
-        let fitted = self.last_fit(&mut poses, &fine);
-        let reasons = self.judged(&fitted, &poses, (&expected, moved.is_some()));
-        Ok(self.taken_over(&fitted, poses, &reasons))
+        let fits = self.last_fit(&seen, &poses)?;
+        let reasons = self.judged((&seen, &fits), (&expected, moved.is_some()));
+        self.n_frames += 1;
+        let guesses = self.guesses(&fits, &expected);
+        Ok(self.taken_over(&fits, &reasons, &guesses))
     }
 
     /// Remembers what was found and reports it.
     fn taken_over(
         &mut self,
-        fitted: &[Fitted],
-        mut poses: Vec<Isometry3<f64>>,
+        fits: &[Fitted],
         reasons: &[Option<LostReason>],
+        guesses: &[bool],
     ) -> TrackedFrame {
         let is_known: Vec<bool> = reasons.iter().map(Option::is_none).collect();
-        for ((pose, track), is_known) in poses.iter_mut().zip(&self.tracks).zip(&is_known) {
-            if !is_known {
-                *pose = track.pose;
-            }
-        }
-        self.carry_unknown(&mut poses, &is_known);
-        let known = |(fitted, is_known): (&'_ Fitted, &bool)| {
-            let refinement = fitted.refinement.as_ref()?;
-            is_known.then_some(refinement.noise_mm)
-        };
-        let noise_mm = median(fitted.iter().zip(&is_known).filter_map(known).collect());
+        let of_known = |v: usize| is_known[v].then_some(&fits[v]);
+        let mut poses: Vec<Isometry3<f64>> = (0..is_known.len())
+            .map(|v| {
+                if is_known[v] || guesses[v] {
+                    fits[v].target_from_source
+                } else {
+                    self.tracks[v].pose
+                }
+            })
+            .collect();
+        let is_placed: Vec<bool> = is_known
+            .iter()
+            .zip(guesses)
+            .map(|(a, b)| *a || *b)
+            .collect();
+        self.carry_unknown(&mut poses, &is_placed);
+        let known = (0..poses.len()).filter_map(of_known);
+        let noise_mm = median(known.map(Fitted::noise_mm).collect());
         if noise_mm.is_finite() {
             let before = self.noise_mm.unwrap_or(noise_mm);
             self.noise_mm = Some(before + NOISE_MEMORY * (noise_mm - before));
         }
-        for ((track, pose), is_known) in self.tracks.iter_mut().zip(&poses).zip(&is_known) {
-            track.pose = *pose;
+        for (v, (track, is_known)) in self.tracks.iter_mut().zip(&is_known).enumerate() {
+            track.pose = poses[v];
+            track.is_guessed = guesses[v] && !is_known;
             track.n_frames_lost = if *is_known {
                 0
             } else {
@@ -207,21 +233,22 @@ impl<'a> SpineTracker<'a> {
             };
         }
         let vertebrae = (0..poses.len())
-            .map(|v| {
-                let fit = fitted[v].refinement.as_ref();
-                let of_known = fit.filter(|_| is_known[v]);
-                TrackedVertebra {
-                    level: self.model.vertebrae[v].level,
-                    state: reasons[v]
-                        .map_or(TrackState::Tracking, |reason| TrackState::Lost { reason }),
-                    target_from_source: poses[v],
-                    covariance: of_known
-                        .map(|fit| fit.covariance.about(&(poses[v] * self.centroid(v)))),
-                    n_points: fitted[v].n_points,
-                    residual_mm: of_known.map_or(f64::NAN, |fit| fit.rmse_mm),
-                    noise_mm: fit.map_or(f64::NAN, |fit| fit.noise_mm),
-                    n_frames_lost: self.tracks[v].n_frames_lost,
-                }
+            .map(|v| TrackedVertebra {
+                level: self.model.vertebrae[v].level,
+                state: match &reasons[v] {
+                    None => TrackState::Tracking,
+                    Some(reason) => TrackState::Lost {
+                        reason: reason.clone(),
+                    },
+                },
+                target_from_source: poses[v],
+                covariance: of_known(v).and_then(|own| own.covariance),
+                n_points: fits[v].n_points,
+                residual_mm: of_known(v)
+                    .and_then(|own| own.refinement.as_ref())
+                    .map_or(f64::NAN, |r| r.rmse_mm),
+                noise_mm: fits[v].noise_mm(),
+                n_frames_lost: self.tracks[v].n_frames_lost,
             })
             .collect();
         TrackedFrame {
@@ -242,7 +269,7 @@ fn check_points(points: &[Point3<f64>]) -> Result<(), SpineError> {
     }
 }
 
-fn thin_out(points: &[Point3<f64>], n: usize, rng: &mut ChaCha8Rng) -> Vec<Point3<f64>> {
+pub(crate) fn thin_out(points: &[Point3<f64>], n: usize, rng: &mut ChaCha8Rng) -> Vec<Point3<f64>> {
     if points.len() <= n {
         return points.to_vec();
     }

@@ -4,27 +4,18 @@ use nalgebra::Isometry3;
 use pedicle_registration::PoseCovariance;
 use pedicle_trajectory::Level;
 
-use crate::SpineError;
+use crate::{Rejection, SpineError, VerdictOptions};
 
 /// Settings of a [`SpineTracker`](crate::SpineTracker).
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrackerOptions {
     /// Points of a frame that find the motion, on the simplified surfaces. Default 1200.
     pub n_search_points: usize,
-    /// Points of a frame that the last fit uses, on the full-resolution surfaces. Default 2500.
+    /// Points of a frame near the vertebrae that the last fit uses, on the full-resolution surfaces.
+    /// Default 3000.
     pub n_fine_points: usize,
     /// Gates of the rounds of the search, mm. Default 10, 6, 4.
     pub gates_mm: Vec<f64>,
-    /// Fewest points of the last fit on a vertebra. Default 50.
-    pub min_points: usize,
-    /// Smallest share of the points near a vertebra that lie on it within the noise. Default 0.6.
-    pub min_explained_share: f64,
-    /// Largest noise of the points, mm. Default 2.5.
-    pub max_noise_mm: f64,
-    /// Largest standard deviation of the position, mm. Default 0.6, as in a transfer.
-    pub max_translation_std_mm: f64,
-    /// Largest standard deviation of the orientation, rad. Default 0.031 (1.8°).
-    pub max_rotation_std_rad: f64,
     /// Farthest that a vertebra may move from one frame to the next beyond the motion of the whole
     /// spine, mm. Default 6.
     pub max_jump_mm: f64,
@@ -33,10 +24,8 @@ pub struct TrackerOptions {
     /// Farthest that the whole spine may move from one frame to the next, mm. Default 15: at half
     /// the distance of two vertebrae one could be taken for the other.
     pub max_spine_jump_mm: f64,
-    /// Largest turn against a neighbour compared with the source, rad. Default 0.52 (30°).
-    pub max_neighbour_turn_rad: f64,
-    /// Largest change of the distance of neighbouring centroids, mm. Default 12.
-    pub max_neighbour_shift_mm: f64,
+    /// What a fit has to show, as in a transfer. The plan, landmarks and other poses are not asked.
+    pub verdict: VerdictOptions,
     /// Seed of the choice of points.
     pub seed: u64,
 }
@@ -45,18 +34,12 @@ impl Default for TrackerOptions {
     fn default() -> Self {
         Self {
             n_search_points: 1200,
-            n_fine_points: 2500,
+            n_fine_points: 3000,
             gates_mm: vec![10.0, 6.0, 4.0],
-            min_points: 50,
-            min_explained_share: 0.6,
-            max_noise_mm: 2.5,
-            max_translation_std_mm: 0.6,
-            max_rotation_std_rad: 0.031,
             max_jump_mm: 6.0,
             max_jump_rad: 0.14,
             max_spine_jump_mm: 15.0,
-            max_neighbour_turn_rad: 0.52,
-            max_neighbour_shift_mm: 12.0,
+            verdict: VerdictOptions::default(),
             seed: 0,
         }
     }
@@ -69,16 +52,9 @@ impl TrackerOptions {
             ("n_search_points", self.n_search_points as f64),
             ("n_fine_points", self.n_fine_points as f64),
             ("number of gates_mm", self.gates_mm.len() as f64),
-            ("min_points", self.min_points as f64),
-            ("min_explained_share", self.min_explained_share),
-            ("max_noise_mm", self.max_noise_mm),
-            ("max_translation_std_mm", self.max_translation_std_mm),
-            ("max_rotation_std_rad", self.max_rotation_std_rad),
             ("max_jump_mm", self.max_jump_mm),
             ("max_jump_rad", self.max_jump_rad),
             ("max_spine_jump_mm", self.max_spine_jump_mm),
-            ("max_neighbour_turn_rad", self.max_neighbour_turn_rad),
-            ("max_neighbour_shift_mm", self.max_neighbour_shift_mm),
         ];
         let gates = self.gates_mm.iter().map(|&gate| ("gates_mm", gate));
         for (name, value) in named.into_iter().chain(gates) {
@@ -91,43 +67,15 @@ impl TrackerOptions {
 }
 
 /// Why a vertebra is lost.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum LostReason {
     /// The first result did not vouch for it, and tracking cannot make up for that.
     NotAccepted,
-    /// Too few points of the frame lie on it.
-    TooFewPoints {
-        /// Points on it.
-        n_points: usize,
-        /// Fewest needed.
-        min: usize,
-    },
-    /// Its points do not determine a pose.
-    NoFit {
-        /// Points on it.
-        n_points: usize,
-    },
-    /// Points near it do not lie on it.
-    PoorFit {
-        /// Share of them that do.
-        explained_share: f64,
-        /// Smallest share needed.
-        min: f64,
-    },
-    /// Its points are too noisy, by themselves or against the other vertebrae.
-    Noisy {
-        /// Noise of its points, mm.
-        noise_mm: f64,
-        /// Most allowed, mm.
-        max_mm: f64,
-    },
-    /// What is seen of it does not fix its pose.
-    Uncertain {
-        /// Standard deviation of its position, mm.
-        translation_std_mm: f64,
-        /// Standard deviation of its orientation, rad.
-        rotation_std_rad: f64,
+    /// Its fit in this frame does not pass the tests of a transfer.
+    Doubted {
+        /// The first test that it fails.
+        reason: Rejection,
     },
     /// It moved farther than a vertebra can between two frames.
     Jumped {
@@ -149,36 +97,7 @@ impl std::fmt::Display for LostReason {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::NotAccepted => f.write_str("the first result did not vouch for it"),
-            Self::TooFewPoints { n_points, min } => {
-                write!(
-                    f,
-                    "too few points on it ({n_points}, at least {min} needed)"
-                )
-            }
-            Self::NoFit { n_points } => {
-                write!(f, "its {n_points} points do not determine a pose")
-            }
-            Self::PoorFit {
-                explained_share,
-                min,
-            } => write!(
-                f,
-                "{:.0} % of the points near it lie on it (at least {:.0} % needed)",
-                100.0 * explained_share,
-                100.0 * min
-            ),
-            Self::Noisy { noise_mm, max_mm } => write!(
-                f,
-                "its points are too noisy ({noise_mm:.2} mm, at most {max_mm:.2} mm)"
-            ),
-            Self::Uncertain {
-                translation_std_mm,
-                rotation_std_rad,
-            } => write!(
-                f,
-                "what is seen does not fix it (± {translation_std_mm:.2} mm, ± {:.1}°)",
-                rotation_std_rad.to_degrees()
-            ),
+            Self::Doubted { reason } => write!(f, "{reason}"),
             Self::Jumped {
                 translation_mm,
                 rotation_rad,
@@ -196,7 +115,7 @@ impl std::fmt::Display for LostReason {
 }
 
 /// Whether a vertebra is followed.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum TrackState {
     /// Its pose is that of this frame.
     Tracking,

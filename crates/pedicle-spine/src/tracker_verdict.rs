@@ -9,13 +9,16 @@
 //! allow it. Millimetres and radians.
 
 use nalgebra::Isometry3;
-use pedicle_registration::{PoseCovariance, Refinement, pose_error, rotation_angle};
+use pedicle_registration::pose_error;
 
-use crate::LostReason;
-use crate::tracker::{Fitted, SpineTracker};
+use crate::tracker::SpineTracker;
+use crate::tracker_fit::{Fitted, Seen};
+use crate::uncertainty::worst_of_pose;
+use crate::verdict::{Deviations, Evidence, chain_rejections, rejections};
+use crate::{LostReason, Rejection};
 
-/// The noise of a vertebra against the others', and of a frame against those before: by factor and
-/// by excess, mm. A vertebra on another one's bone is one and a half to three times as noisy.
+/// The noise of a vertebra against that of the frames before: by factor and by excess, mm. A vertebra
+/// on another one's bone is one and a half to three times as noisy.
 const NOISE_RATIO: f64 = 1.5;
 const NOISE_EXCESS_MM: f64 = 0.2;
 /// A lost vertebra may have moved on: so many frames' jumps are allowed at most.
@@ -25,78 +28,106 @@ impl SpineTracker<'_> {
     /// For every vertebra why it is lost; none if it is tracked.
     pub(crate) fn judged(
         &self,
-        fitted: &[Fitted],
-        poses: &[Isometry3<f64>],
+        (seen, fits): (&Seen, &[Fitted]),
         (expected, is_in_view): (&[Isometry3<f64>], bool),
     ) -> Vec<Option<LostReason>> {
-        let noises = fitted.iter().filter_map(|f| f.refinement.as_ref());
-        let others_mm = median(noises.map(|fit| fit.noise_mm).collect());
-        let mut reasons: Vec<Option<LostReason>> = fitted
+        let noise_mm = median(fits.iter().map(Fitted::noise_mm).collect());
+        let (n_explained, n_near) = fits.iter().fold((0, 0), |(explained, near), fit| {
+            (explained + fit.n_explained, near + fit.n_near)
+        });
+        let whole = Whole {
+            noise_mm,
+            sensor_noise_mm: seen.noise_mm,
+            unexplained_share: 1.0 - share(n_explained, n_near),
+        };
+        let mut reasons: Vec<Option<LostReason>> = fits
             .iter()
             .enumerate()
-            .map(|(v, fitted)| {
+            .map(|(v, own)| {
                 if !self.tracks[v].is_followed {
                     return Some(LostReason::NotAccepted);
                 }
                 if !is_in_view {
                     return Some(LostReason::SpineJumped);
                 }
-                self.bad_fit(v, fitted, others_mm)
-                    .or_else(|| self.jump(v, &poses[v], &expected[v]))
+                self.doubt(own, &whole)
+                    .map(|reason| LostReason::Doubted { reason })
+                    .or_else(|| self.jump(v, &own.target_from_source, &expected[v]))
             })
             .collect();
-        for (v, u) in (1..poses.len()).map(|u| (u - 1, u)) {
-            if reasons[v].is_none() && reasons[u].is_none() && self.is_against(v, u, poses) {
-                // The one that moved more is the one to doubt.
-                let moved = |v: usize| {
-                    pose_error(&poses[v], &expected[v], &self.centroid(v)).translation_mm
-                };
-                let (doubted, other) = if moved(v) > moved(u) { (v, u) } else { (u, v) };
-                reasons[doubted] = Some(LostReason::AgainstNeighbour {
-                    neighbour: self.model.vertebrae[other].level,
-                });
+        let pose = |v: usize| &fits[v].target_from_source;
+        for (v, u) in (1..reasons.len()).map(|u| (u - 1, u)) {
+            if reasons[v].is_some() || reasons[u].is_some() {
+                continue;
             }
+            let centroids = (self.centroid(v), self.centroid(u));
+            let own = (pose(v), &centroids.0);
+            let other = (pose(u), &centroids.1);
+            let level = self.model.vertebrae[u].level;
+            if chain_rejections(own, other, level, &self.options.verdict).is_empty() {
+                continue;
+            }
+            // The one that moved more is the one to doubt.
+            let moved =
+                |v: usize| pose_error(pose(v), &expected[v], &self.centroid(v)).translation_mm;
+            let (doubted, other) = if moved(v) > moved(u) { (v, u) } else { (u, v) };
+            reasons[doubted] = Some(LostReason::AgainstNeighbour {
+                neighbour: self.model.vertebrae[other].level,
+            });
         }
         reasons
     }
 
-    fn bad_fit(&self, v: usize, fitted: &Fitted, others_mm: f64) -> Option<LostReason> {
-        let options = &self.options;
-        let n_points = fitted.n_points;
-        if n_points < options.min_points {
-            let min = options.min_points;
-            return Some(LostReason::TooFewPoints { n_points, min });
-        }
-        let Some(fit) = &fitted.refinement else {
-            return Some(LostReason::NoFit { n_points });
+    /// The first test of a transfer that a fit fails.
+    fn doubt(&self, own: &Fitted, whole: &Whole) -> Option<Rejection> {
+        let noise_mm = own.noise_mm();
+        let evidence = Evidence {
+            n_points: own.n_points,
+            // What is seen has to fix the pose: the deviations tell.
+            posterior_coverage: 1.0,
+            explained_share: share(own.n_explained, own.n_near),
+            noise_mm,
+            others_noise_mm: whole.noise_mm,
+            deviations: own.covariance.as_ref().map(|covariance| {
+                let (orientation_rad, position_mm) = worst_of_pose(covariance);
+                Deviations {
+                    position_mm,
+                    orientation_rad,
+                    screw_mm: 0.0,
+                    breach_probability: 0.0,
+                }
+            }),
+            unexplained_share: whole.unexplained_share,
+            // Which level and which of all poses it is, the first result has settled.
+            level_margin: f64::INFINITY,
+            landmarks_support_levels: true,
+            alternative_margin: f64::INFINITY,
+            landmark_distance_mm: None,
+            misfit: own.misfit,
+            seen_through: own.seen_through,
+            hidden_share: share(own.n_hiding, own.n_hiding + own.n_explained),
+            sensor_noise_mm: whole.sensor_noise_mm,
         };
-        let before_mm = self.noise_mm.unwrap_or(options.max_noise_mm);
-        let max_mm = [others_mm, before_mm]
-            .map(|noise| NOISE_RATIO * noise + NOISE_EXCESS_MM)
+        let found = rejections(&evidence, &self.options.verdict)
             .into_iter()
-            .fold(options.max_noise_mm, |a, b| if b < a { b } else { a });
-        let noise_mm = fit.noise_mm;
-        // Each test asks for what is wanted, so that a NaN is never accepted.
+            .next();
+        let before_mm = self.noise_mm.unwrap_or(f64::INFINITY);
+        let max_mm = NOISE_RATIO * before_mm + NOISE_EXCESS_MM;
         let is_quiet = noise_mm <= max_mm;
-        if !is_quiet {
-            return Some(LostReason::Noisy { noise_mm, max_mm });
-        }
-        let (explained_share, min) = (fitted.explained_share, options.min_explained_share);
-        let is_explained = explained_share >= min;
-        if !is_explained {
-            return Some(LostReason::PoorFit {
-                explained_share,
-                min,
-            });
-        }
-        let translation_std_mm = self.covariance(v, fit).translation_mm();
-        let rotation_std_rad = fit.covariance.rotation_rad();
-        let is_certain = translation_std_mm <= options.max_translation_std_mm
-            && rotation_std_rad <= options.max_rotation_std_rad;
-        (!is_certain).then_some(LostReason::Uncertain {
-            translation_std_mm,
-            rotation_std_rad,
-        })
+        found.or_else(|| (!is_quiet).then_some(Rejection::Noisy { noise_mm, max_mm }))
+    }
+
+    /// Which fits, vouched for or not, are good enough to look for the vertebra beside them.
+    pub(crate) fn guesses(&self, fits: &[Fitted], expected: &[Isometry3<f64>]) -> Vec<bool> {
+        let is_guess = |(v, fit): (usize, &Fitted)| {
+            fit.refinement.is_some()
+                && fit.seen_through <= self.options.verdict.max_seen_through
+                && share(fit.n_explained, fit.n_near) >= self.options.verdict.min_explained_share
+                && self
+                    .jump(v, &fit.target_from_source, &expected[v])
+                    .is_none()
+        };
+        fits.iter().enumerate().map(is_guess).collect()
     }
 
     fn jump(
@@ -115,24 +146,24 @@ impl SpineTracker<'_> {
             rotation_rad: jump.rotation_rad,
         })
     }
+}
 
-    /// Whether neighbours lie against each other as no spine allows.
-    fn is_against(&self, v: usize, u: usize, poses: &[Isometry3<f64>]) -> bool {
-        let turn_rad = rotation_angle(&(poses[v].rotation.inverse() * poses[u].rotation));
-        let (a, b) = (self.centroid(v), self.centroid(u));
-        let shift_mm = ((poses[v] * a - poses[u] * b).norm() - (a - b).norm()).abs();
-        turn_rad > self.options.max_neighbour_turn_rad
-            || shift_mm > self.options.max_neighbour_shift_mm
-    }
+/// What all vertebrae of a frame say together.
+struct Whole {
+    /// Median noise.
+    noise_mm: f64,
+    sensor_noise_mm: Option<f64>,
+    /// Of the points on or behind bone.
+    unexplained_share: f64,
+}
 
-    fn covariance(&self, v: usize, fit: &Refinement) -> PoseCovariance {
-        fit.covariance
-            .about(&(fit.target_from_source * self.centroid(v)))
-    }
+fn share(n: usize, of: usize) -> f64 {
+    if of == 0 { 0.0 } else { n as f64 / of as f64 }
 }
 
 /// The middle value; NaN of none.
 pub(crate) fn median(mut values: Vec<f64>) -> f64 {
+    values.retain(|x| !x.is_nan());
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }

@@ -119,6 +119,11 @@ impl Arguments {
         for k in 1..=self.frames {
             let frame = sequence.frame(f64::from(k) * FRAME_S)?;
             let points = frame.surface.points();
+            if let Some(view) = &frame.view {
+                tracker = tracker.seen_from(SensorView {
+                    camera_mm: view.camera_mm,
+                });
+            }
             report.n_points.push(points.len() as f64);
             let clock = Instant::now();
             let found = tracker.update(points);

@@ -45,7 +45,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         all_ms.push(ms);
         let (mut worst_mm, mut worst_deg, mut lost) = (0.0_f64, 0.0_f64, String::new());
         for (vertebra, truth) in found.vertebrae.iter().zip(&frame.truth) {
-            match vertebra.state {
+            match &vertebra.state {
                 TrackState::Tracking => {
                     let center = phantom.model.centroid(vertebra.level);
                     let error = pose_error(&vertebra.target_from_source, truth, &center);
