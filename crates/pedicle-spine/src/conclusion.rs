@@ -154,6 +154,10 @@ impl Conclusion<'_> {
             misfit: fit.misfit,
             seen_through: fit.seen_through,
             sensor_noise_mm: self.fit.sensor_noise_mm,
+            bare_area_mm2: self
+                .fit
+                .area_of_point_mm2
+                .map(|area_mm2| fit.n_points as f64 * area_mm2),
         };
         VertebraTransfer {
             level: vertebra.level,
@@ -164,6 +168,7 @@ impl Conclusion<'_> {
             noise_mm: evidence.noise_mm,
             n_points: fit.n_points,
             explained_share: fit.explained_share,
+            bare_area_mm2: evidence.bare_area_mm2.unwrap_or(f64::NAN),
             coverage: fit.coverage,
             posterior_coverage: fit.posterior_coverage,
             alternative_margin: evidence.alternative_margin,

@@ -85,7 +85,7 @@ const SENSOR_TO_SURFACE: f64 = 1.15;
 
 /// Up to this noise of a camera patches of its points tell bone from tissue, mm: there the normalised error
 /// squared over 6 was 0.5 to 1.0, above it 3 with values of 10 to 17.
-const TELLS_TISSUE_MM: f64 = 1.0;
+pub(crate) const TELLS_TISSUE_MM: f64 = 1.0;
 
 impl Sensor<'_> {
     /// The noise of a camera that tells bone from tissue.
@@ -123,6 +123,8 @@ pub(crate) struct SpineFit {
     pub(crate) noise_mm: f64,
     /// The same from the target alone.
     pub(crate) sensor_noise_mm: Option<f64>,
+    /// Area that a point of a camera stands for, mm².
+    pub(crate) area_of_point_mm2: Option<f64>,
     /// Share of the target points that no vertebra explains.
     pub(crate) unexplained_share: f64,
 }
@@ -270,6 +272,9 @@ pub(crate) fn finish(
         fits,
         noise_mm,
         sensor_noise_mm: sensor.noise_mm,
+        area_of_point_mm2: sensor
+            .free_space
+            .and_then(|_| target.points.area_of_point_mm2()),
         unexplained_share: explained.unexplained_share(),
     })
 }

@@ -16,6 +16,8 @@ pub enum Rejection {
     TooFewPoints { n_points: usize, min: usize },
     /// Too little of its posterior surface is seen.
     TooLittleSeen { share: f64, min: f64 },
+    /// A camera saw too little of it bare: soft tissue may lie like bone.
+    TooLittleBare { area_mm2: f64, min_mm2: f64 },
     /// Too many of its points do not lie on its surface.
     PoorFit { explained_share: f64, min: f64 },
     /// The target is too noisy.
@@ -98,6 +100,10 @@ impl std::fmt::Display for Rejection {
                 "too little surface seen ({:.0} % of the posterior side, at least {:.0} % needed)",
                 100.0 * share,
                 100.0 * min
+            ),
+            Self::TooLittleBare { area_mm2, min_mm2 } => write!(
+                f,
+                "too little bare bone seen ({area_mm2:.0} mm², at least {min_mm2:.0} mm² needed): clean it"
             ),
             Self::PoorFit {
                 explained_share,

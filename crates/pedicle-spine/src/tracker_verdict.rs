@@ -107,6 +107,7 @@ impl SpineTracker<'_> {
             seen_through: own.seen_through,
             hidden_share: share(own.n_hiding, own.n_hiding + own.n_explained),
             sensor_noise_mm: whole.sensor_noise_mm,
+            bare_area_mm2: None,
         };
         let found = rejections(&evidence, &self.options.verdict)
             .into_iter()

@@ -4,6 +4,7 @@ use nalgebra::{Isometry3, Point3};
 use pedicle_trajectory::Level;
 
 use crate::VerdictOptions;
+use crate::finish::TELLS_TISSUE_MM;
 use crate::misfit::{Misfit, PATCH_MM};
 use crate::rejection::Rejection;
 
@@ -32,6 +33,8 @@ pub(crate) struct Evidence {
     pub(crate) hidden_share: f64,
     /// Noise of the target estimated from it alone.
     pub(crate) sensor_noise_mm: Option<f64>,
+    /// Area of the bare bone that a camera saw, mm²; none without a camera.
+    pub(crate) bare_area_mm2: Option<f64>,
 }
 
 /// Standard deviations of a pose in the worst direction: of the vertebra's centroid, of its
@@ -53,6 +56,8 @@ const MIN_NOISE_EXCESS_MM: f64 = 0.15;
 
 /// Right poses fit to 0.8 to 1.1 of the noise of the sensor, wrong ones among tissue to 1.05 and more.
 const MAX_SENSOR_RATIO: f64 = 1.15;
+/// Where bone is told from tissue by patches, right poses fit to 0.85 to 1.05 of it, some of the wrong ones to 1.09.
+const MAX_TOLD_RATIO: f64 = 1.08;
 /// What the steps of the sensor add to its noise, mm.
 const SENSOR_FLOOR_MM: f64 = 0.03;
 
@@ -160,17 +165,36 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
             max_rad: options.max_rotation_std_rad,
         },
     );
+    let min_margin = match evidence.bare_area_mm2 {
+        Some(_) => options.min_alternative_margin_of_camera,
+        None => options.min_alternative_margin,
+    };
     demand(
-        evidence.alternative_margin >= options.min_alternative_margin,
+        evidence.alternative_margin >= min_margin,
         Rejection::Ambiguous {
             margin: evidence.alternative_margin,
-            min: options.min_alternative_margin,
+            min: min_margin,
         },
     );
+    if let Some(area_mm2) = evidence.bare_area_mm2 {
+        demand(
+            area_mm2 >= options.min_bare_area_mm2,
+            Rejection::TooLittleBare {
+                area_mm2,
+                min_mm2: options.min_bare_area_mm2,
+            },
+        );
+    }
     let misfit = evidence.misfit;
     if let Some(sensor_mm) = evidence.sensor_noise_mm {
+        let is_told = evidence.bare_area_mm2.is_some() && sensor_mm <= TELLS_TISSUE_MM;
+        let most_mm = if is_told {
+            MAX_TOLD_RATIO * sensor_mm
+        } else {
+            MAX_SENSOR_RATIO * sensor_mm + SENSOR_FLOOR_MM
+        };
         demand(
-            evidence.noise_mm <= MAX_SENSOR_RATIO * sensor_mm + SENSOR_FLOOR_MM,
+            evidence.noise_mm <= most_mm,
             Rejection::NoisierThanSensor {
                 noise_mm: evidence.noise_mm,
                 sensor_mm,
@@ -298,6 +322,7 @@ mod tests {
             seen_through: 0.0,
             hidden_share: 0.0,
             sensor_noise_mm: None,
+            bare_area_mm2: None,
         }
     }
 
@@ -402,6 +427,18 @@ mod tests {
                 Box::new(|e| e.sensor_noise_mm = Some(0.25)),
             ),
             ("in front of", Box::new(|e| e.hidden_share = 0.8)),
+            (
+                "bare bone seen (250 mm²",
+                Box::new(|e| e.bare_area_mm2 = Some(250.0)),
+            ),
+            (
+                "another pose",
+                Box::new(|e| (e.bare_area_mm2, e.alternative_margin) = (Some(1500.0), 0.12)),
+            ),
+            (
+                "taken for bone",
+                Box::new(|e| (e.bare_area_mm2, e.sensor_noise_mm) = (Some(1500.0), Some(0.45))),
+            ),
             ("saw through 12 %", Box::new(|e| e.seen_through = 0.12)),
             ("right patient", Box::new(|e| e.misfit.covariance_mm2 = 0.5)),
             (

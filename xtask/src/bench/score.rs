@@ -157,7 +157,7 @@ fn evidence(found: &VertebraTransfer, transfer: &Transfer) -> String {
     };
     let (sd_rad, sd_mm) = (sd(0), sd(3));
     format!(
-        " [noise {:.2} of {:.2}, breach {breach}, misfit {:.2}, through {:.3}, hidden {:.2}, explained {:.2}, covers {:.2}, margin {:.2}, level {:.2}, sd {:.2} mm {:.2}°, n {}, larger by {:.2} {:.2} {:.2} % of {:.2} {:.2} {:.2} %]",
+        " [noise {:.2} of {:.2}, breach {breach}, misfit {:.2}, through {:.3}, hidden {:.2}, explained {:.2}, covers {:.2}, margin {:.2}, level {:.2}, sd {:.2} mm {:.2}°, n {}, bare {:.0} mm², larger by {:.2} {:.2} {:.2} % of {:.2} {:.2} {:.2} %]",
         found.noise_mm,
         transfer.sensor_noise_mm.unwrap_or(f64::NAN),
         found.misfit_mm,
@@ -170,6 +170,7 @@ fn evidence(found: &VertebraTransfer, transfer: &Transfer) -> String {
         sd_mm,
         sd_rad.to_degrees(),
         found.n_points,
+        found.bare_area_mm2,
         100.0 * found.stretch.x,
         100.0 * found.stretch.y,
         100.0 * found.stretch.z,
