@@ -104,8 +104,8 @@ pub struct VerdictOptions {
     /// at a noise of 1 mm, because noise leaves deeper bumps on it than on generated ones.
     pub pooled_misfit_in_sigma: f64,
     /// Largest χ² (three degrees of freedom) of the difference in size of all bones together along their
-    /// axes. Default 6.3: of right spines at a noise of 2 mm the largest was 4.1, of others at 0.5 to 3 mm
-    /// four in five lie above.
+    /// axes. Default 4.6: of right spines at a noise of 2 mm the largest was 4.1, of others at 0.5 to 3 mm
+    /// most lie above.
     pub max_size_chi_squared: f64,
     /// Largest share of the bone towards the camera that it may have seen through. Default 0.02: right poses show less than 0.005.
     pub max_seen_through: f64,
@@ -233,7 +233,7 @@ impl Default for VerdictOptions {
             max_breach_probability: 0.005,
             misfit_in_sigma: 3.0,
             pooled_misfit_in_sigma: 3.0,
-            max_size_chi_squared: 6.3,
+            max_size_chi_squared: 4.6,
             max_seen_through: 0.02,
             max_hidden_share: 0.5,
             min_alternative_margin: 0.08,
