@@ -168,7 +168,7 @@ impl Conclusion<'_> {
             noise_mm: evidence.noise_mm,
             n_points: fit.n_points,
             explained_share: fit.explained_share,
-            bare_area_mm2: evidence.bare_area_mm2.unwrap_or(f64::NAN),
+            bare_area_mm2: evidence.bare_area_mm2,
             coverage: fit.coverage,
             posterior_coverage: fit.posterior_coverage,
             alternative_margin: evidence.alternative_margin,

@@ -66,8 +66,8 @@ pub struct VertebraTransfer {
     pub n_points: usize,
     /// Share of them within the noise of its surface.
     pub explained_share: f64,
-    /// Area of its bare bone that a camera saw, mm²; NaN without a camera.
-    pub bare_area_mm2: f64,
+    /// Area of its bare bone that a camera saw, mm²; none without a camera.
+    pub bare_area_mm2: Option<f64>,
     /// Share of its surface that the target shows.
     pub coverage: f64,
     /// Share of its posterior surface that the target shows.

@@ -170,7 +170,7 @@ fn evidence(found: &VertebraTransfer, transfer: &Transfer) -> String {
         sd_mm,
         sd_rad.to_degrees(),
         found.n_points,
-        found.bare_area_mm2,
+        found.bare_area_mm2.unwrap_or(f64::NAN),
         100.0 * found.stretch.x,
         100.0 * found.stretch.y,
         100.0 * found.stretch.z,
