@@ -114,6 +114,9 @@ impl Conclusion<'_> {
     /// Whether the vertebrae that are trusted otherwise, or would be if their poses were known better,
     /// have the size of the plan's.
     fn size(&self, vertebrae: &[VertebraTransfer], options: &VerdictOptions) -> Option<Rejection> {
+        if self.fit.noise_mm < options.size_from_noise_mm {
+            return None;
+        }
         let all: Vec<Stretch> = vertebrae
             .iter()
             .zip(&self.fit.fits)

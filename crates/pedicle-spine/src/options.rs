@@ -103,6 +103,9 @@ pub struct VerdictOptions {
     /// The same for the misfit of all vertebrae together. Default 3: with less, a real spine was rejected
     /// at a noise of 1 mm, because noise leaves deeper bumps on it than on generated ones.
     pub pooled_misfit_in_sigma: f64,
+    /// Noise of the target from which on the size is judged, mm. Default 1.5: below that the shape itself tells, and
+    /// noise changes the size of real bones otherwise than that of generated ones.
+    pub size_from_noise_mm: f64,
     /// Largest χ² (three degrees of freedom) of the difference in size of all bones together along their
     /// axes. Default 4.6: of right spines at a noise of 2 mm the largest was 4.1, of others at 0.5 to 3 mm
     /// most lie above.
@@ -233,6 +236,7 @@ impl Default for VerdictOptions {
             max_breach_probability: 0.005,
             misfit_in_sigma: 3.0,
             pooled_misfit_in_sigma: 3.0,
+            size_from_noise_mm: 1.5,
             max_size_chi_squared: 4.6,
             max_seen_through: 0.02,
             max_hidden_share: 0.5,
