@@ -5,7 +5,7 @@
 //! order, or a mesh with two faces over every four neighbouring pixels, torn where the range jumps.
 //! The rigid motion of the published suite takes all of it to the target frame.
 
-use nalgebra::{Isometry3, Point3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use rand::seq::SliceRandom;
 
 use crate::camera::{Camera, DepthImage};
@@ -60,7 +60,10 @@ pub(crate) fn simulate_sensor(
 
     let (surface, pixel_of_point) = as_surface(&image, form, &placement, scenario)?;
     let poses: Vec<Isometry3<f64>> = bends.iter().map(|bend| placement * bend).collect();
-    let truth = truths(case, &poses, &image, &pixel_of_point, &placement);
+    let shown = pixel_of_point
+        .iter()
+        .map(|&pixel| image.pixels[pixel].and_then(|pixel| pixel.shows));
+    let truth = truths(case, &poses, shown, &placement);
     let positions = touched(case, &poses, &mut scenario.rng(SuiteStream::Landmarks));
     Ok(SuiteTarget {
         surface,
@@ -150,12 +153,13 @@ fn faces(image: &DepthImage) -> Vec<[usize; 3]> {
     faces
 }
 
-fn truths(
+/// What is true of every vertebra. `shown` has for every point of the target, in their order, the vertebra
+/// that it shows with the place and the normal there, in the frame of the scene; none of tissue.
+pub(crate) fn truths(
     case: &SpineCase,
     poses: &[Isometry3<f64>],
-    image: &DepthImage,
-    pixel_of_point: &[usize],
-    placement: &Isometry3<f64>,
+    shown: impl Iterator<Item = Option<(usize, Point3<f64>, Vector3<f64>)>>,
+    target_from_scene: &Isometry3<f64>,
 ) -> Vec<SuiteTruth> {
     let mut truths: Vec<VertebraTruth> = case
         .vertebrae()
@@ -171,12 +175,11 @@ fn truths(
             target_vertices: Vec::new(),
         })
         .collect();
-    for (point, &pixel) in pixel_of_point.iter().enumerate() {
-        let shows = image.pixels[pixel].and_then(|pixel| pixel.shows);
+    for (point, shows) in shown.enumerate() {
         if let Some((vertebra, position, normal)) = shows {
             let truth = &mut truths[vertebra];
-            truth.target_points.push(placement * position);
-            truth.target_normals.push(placement * normal);
+            truth.target_points.push(target_from_scene * position);
+            truth.target_normals.push(target_from_scene * normal);
             truth.target_vertices.push(point as u32);
         }
     }

@@ -17,17 +17,17 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::Normal;
 
 use crate::camera::{Camera, DepthImage};
-use crate::coverage::seen_by_points;
 use crate::landmarks::{named, touched};
 use crate::motion::bends;
 use crate::scene::{Scene, Wound};
+use crate::sensor::truths;
 use crate::simulate::placement;
 use crate::soft_tissue::grown;
 use crate::suite::SuiteStream;
 use crate::suite_simulate::noise_of;
 use crate::{
     MotionRange, SensorView, SimulationError, SpineCase, SuiteCell, SuiteScenario, SuiteTarget,
-    SuiteTruth, TargetSurface, VertebraTruth,
+    TargetSurface,
 };
 
 /// Amplitude of the breathing of every vertebra, mm and rad (3°).
@@ -127,32 +127,8 @@ impl<'a> SensorSequence<'a> {
             .collect();
         let mut touches = self.rng(SuiteStream::Landmarks, time_s);
         let positions = touched(self.case, &poses, &mut touches);
-        let truth = self.case.vertebrae().iter().zip(&poses).enumerate();
-        let truth = truth
-            .map(|(v, (vertebra, pose))| {
-                let shown = pixels.iter().enumerate();
-                let shown = shown.filter_map(|(p, pixel)| {
-                    let (owner, position, normal) = pixel.shows?;
-                    (owner == v).then_some((p as u32, position, normal))
-                });
-                let mut truth = VertebraTruth {
-                    level: vertebra.level,
-                    target_from_source: *pose,
-                    source_centroid: vertebra.mesh.centroid(),
-                    target_points: Vec::new(),
-                    target_normals: Vec::new(),
-                    source_vertices: Vec::new(),
-                    target_vertices: Vec::new(),
-                };
-                for (point, position, normal) in shown {
-                    truth.target_points.push(target_from_scene * position);
-                    truth.target_normals.push(target_from_scene * normal);
-                    truth.target_vertices.push(point);
-                }
-                let coverage = seen_by_points(vertebra, &self.case.axes()[v], &truth);
-                SuiteTruth::shown(truth, coverage)
-            })
-            .collect();
+        let shown = pixels.iter().map(|pixel| pixel.shows);
+        let truth = truths(self.case, &poses, shown, &target_from_scene);
         Ok(SuiteTarget {
             surface: TargetSurface::Cloud(points),
             source_landmarks: named(self.case, self.case.landmark_positions()),

@@ -37,13 +37,13 @@ const KNOWN_GATE_IN_SIGMA: f64 = 4.5;
 const KNOWN_GATE_MM: (f64, f64) = (1.2, 10.0);
 /// A point counts as explained within this many standard deviations of the noise, and this much
 /// more: surfaces of different triangulation do not coincide.
-const EXPLAINED_IN_SIGMA: f64 = 3.0;
+pub(crate) const EXPLAINED_IN_SIGMA: f64 = 3.0;
 /// The same, mm.
-const EXPLAINED_FLOOR_MM: f64 = 0.5;
+pub(crate) const EXPLAINED_FLOOR_MM: f64 = 0.5;
 /// Points farther than this from every vertebra belong to none, mm.
 const NEAR_MM: f64 = 20.0;
 /// Points in front of the bone by less than this are close to it, mm: most soft tissue is thicker.
-const CLOSE_MM: f64 = 5.0;
+pub(crate) const CLOSE_MM: f64 = 5.0;
 /// A loose piece belongs to one vertebra if this share of its points does.
 const PIECE_MAJORITY: f64 = 0.9;
 
@@ -209,9 +209,14 @@ pub(crate) fn finish(
             })
             .collect();
         for (v, found) in found.into_iter().enumerate() {
-            if let (Some(found), Some(refinement)) = (found, refinements[v].as_mut()) {
-                poses[v] = found.target_from_source;
-                lists[v] = found.bare;
+            // Where bare bone does not fix the pose, there is no fit: its covariance would not know.
+            let Some(found) = found else {
+                refinements[v] = None;
+                continue;
+            };
+            poses[v] = found.target_from_source;
+            lists[v] = found.bare;
+            if let Some(refinement) = refinements[v].as_mut() {
                 refinement.target_from_source = found.target_from_source;
                 refinement.noise_mm = found.noise_mm;
                 refinement.covariance = found.covariance;
@@ -303,7 +308,7 @@ fn inflation_of_camera(noise_mm: f64, hidden_share: f64) -> f64 {
 }
 
 /// The covariance with what the first order and independent residuals leave out.
-fn enlarged(
+pub(crate) fn enlarged(
     covariance: &PoseCovariance,
     (noise_mm, hidden_share): (f64, f64),
     sensor: &Sensor<'_>,
@@ -325,7 +330,7 @@ fn enlarged(
     }
 }
 
-fn select(points: &[Point3<f64>], chosen: &[u32]) -> Vec<Point3<f64>> {
+pub(crate) fn select(points: &[Point3<f64>], chosen: &[u32]) -> Vec<Point3<f64>> {
     chosen.iter().map(|&p| points[p as usize]).collect()
 }
 

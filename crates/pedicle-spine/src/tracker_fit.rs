@@ -17,7 +17,7 @@ use rayon::prelude::*;
 
 use crate::SpineError;
 use crate::bare_bone::BareBone;
-use crate::finish::Sensor;
+use crate::finish::{CLOSE_MM, EXPLAINED_FLOOR_MM, EXPLAINED_IN_SIGMA, Sensor, enlarged, select};
 use crate::free_space::FreeSpace;
 use crate::misfit::{Misfit, misfit};
 use crate::points::PointSet;
@@ -40,14 +40,6 @@ const STEPS: usize = 4;
 const STEP_TOLERANCE: f64 = 0.03;
 /// The gates of the rounds are so many times as wide as the last one.
 const WIDER: [f64; ROUNDS] = [3.0, 2.5, 2.0, 1.4, 1.0];
-/// A point lies on the bone within so many standard deviations of the noise and this much more, mm.
-const EXPLAINED: (f64, f64) = (3.0, 0.5);
-/// Points in front of the bone by less are close to it, mm.
-const CLOSE_MM: f64 = 5.0;
-/// Errors of a camera exceed those of the first order by this factor, and by this much more per
-/// millimetre of noise, as in a transfer.
-const INFLATION: (f64, f64) = (1.15, 0.12);
-
 /// What a frame shows of the bone.
 pub(crate) struct Seen {
     pub(crate) points: PointSet,
@@ -191,7 +183,7 @@ impl SpineTracker<'_> {
                     misfit: Misfit::UNKNOWN,
                 };
                 self.count(&mut fitted, v, (seen, &owned[v]), noise_mm);
-                self.doubts(&mut fitted, v, (seen, &bare[v]), gate_mm)?;
+                self.doubts(&mut fitted, v, (seen, &bare[v]), (&sensor, gate_mm))?;
                 Ok(fitted)
             })
             .collect()
@@ -231,7 +223,7 @@ impl SpineTracker<'_> {
     /// Which of its points lie on a vertebra. Before the eyes of a camera, points in front of the bone or
     /// across it may be soft tissue: they contradict nothing.
     fn count(&self, fitted: &mut Fitted, v: usize, (seen, own): (&Seen, &[u32]), noise_mm: f64) {
-        let limit_mm = EXPLAINED.0 * noise_mm + EXPLAINED.1;
+        let limit_mm = EXPLAINED_FLOOR_MM + EXPLAINED_IN_SIGMA * noise_mm;
         let bone = &self.model.vertebrae[v].bone;
         let pose = &fitted.target_from_source;
         let inverse = pose.inverse();
@@ -262,7 +254,7 @@ impl SpineTracker<'_> {
         fitted: &mut Fitted,
         v: usize,
         (seen, own): (&Seen, &[u32]),
-        gate_mm: f64,
+        (sensor, gate_mm): (&Sensor<'_>, f64),
     ) -> Result<(), SpineError> {
         let vertebra = &self.model.vertebrae[v];
         let pose = &fitted.target_from_source;
@@ -275,19 +267,10 @@ impl SpineTracker<'_> {
             fitted.seen_through = free_space.contradiction(&vertebra.patches, pose).of_bone;
         }
         let first_order = fit.covariance.about(&(pose * self.centroid(v)));
-        let factor = 1.0 + INFLATION.1 * fit.noise_mm;
-        let (factor, grown) = match seen.noise_mm {
-            Some(_) => (INFLATION.0 * factor, fitted.misfit.inflation(0.0)),
-            None => (factor, fitted.misfit.inflation(fitted.misfit.by_noise_mm2)),
-        };
-        fitted.covariance = Some(PoseCovariance {
-            matrix: first_order.matrix * (factor * factor * grown),
-            center: first_order.center,
-        });
+        let all = fitted.n_hiding + fitted.n_explained;
+        let hidden_share = fitted.n_hiding as f64 / all.max(1) as f64;
+        let noise = (fit.noise_mm, hidden_share);
+        fitted.covariance = Some(enlarged(&first_order, noise, sensor, &fitted.misfit));
         Ok(())
     }
-}
-
-fn select(points: &[Point3<f64>], chosen: &[u32]) -> Vec<Point3<f64>> {
-    chosen.iter().map(|&p| points[p as usize]).collect()
 }
