@@ -90,6 +90,32 @@ impl BoneSurface {
         self.centroid
     }
 
+    /// Points spread evenly over the area: one in the middle of every stretch of the faces' running area, at
+    /// the centre of the face there.
+    pub(crate) fn spread_points(&self, n: usize) -> Vec<Point3<f64>> {
+        let corners = |face: &[u32; 3]| face.map(|v| self.vertices[v as usize]);
+        let areas: Vec<f64> = self
+            .faces
+            .iter()
+            .map(|face| {
+                let [a, b, c] = corners(face);
+                0.5 * (b - a).cross(&(c - a)).norm()
+            })
+            .collect();
+        let step = areas.iter().sum::<f64>() / n.max(1) as f64;
+        let mut points = Vec::with_capacity(n);
+        let (mut behind, mut next) = (0.0, 0.5 * step);
+        for (face, area) in self.faces.iter().zip(areas) {
+            behind += area;
+            while next < behind && points.len() < n {
+                let [a, b, c] = corners(face);
+                points.push(Point3::from((a.coords + b.coords + c.coords) / 3.0));
+                next += step;
+            }
+        }
+        points
+    }
+
     /// Largest distance of a vertex from the centroid.
     pub(crate) fn radius_mm(&self) -> f64 {
         self.radius_mm

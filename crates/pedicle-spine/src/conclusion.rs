@@ -1,6 +1,6 @@
 //! The verdicts on all vertebrae.
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Point3};
 use pedicle_registration::PoseCovariance;
 use pedicle_trajectory::Plan;
 use rayon::prelude::*;
@@ -11,7 +11,7 @@ use crate::misfit::Misfit;
 use crate::model::SpineModel;
 use crate::rejection::Rejection;
 use crate::search::Found;
-use crate::stretch::Stretch;
+use crate::shape_change::{ShapeChange, SpineChange};
 use crate::uncertainty::{uncertainty, worst_of_pose};
 use crate::verdict::{Deviations, Evidence, chain_rejections, pooled_rejection, rejections};
 use crate::{TrajectoryUncertainty, TransferredTrajectory, VerdictOptions, VertebraTransfer};
@@ -70,10 +70,10 @@ impl Conclusion<'_> {
             }
         }
         let together = self.together(&vertebrae, options);
-        let size = self.size(&vertebrae, options);
+        let shape = self.shape(&vertebrae, options);
         for vertebra in vertebrae.iter_mut().filter(|v| v.reasons.is_empty()) {
             vertebra.reasons.extend(together.clone());
-            vertebra.reasons.extend(size.clone());
+            vertebra.reasons.extend(shape.clone());
             vertebra.accepted = vertebra.reasons.is_empty();
         }
         vertebrae
@@ -105,28 +105,31 @@ impl Conclusion<'_> {
         pooled_rejection(&misfits, options)
     }
 
-    /// By how much all bones together are larger than the plan's; NaN if unknown.
-    pub(crate) fn stretch(&self) -> Vector3<f64> {
-        let all: Vec<Stretch> = self.fit.fits.iter().filter_map(|fit| fit.stretch).collect();
-        Stretch::pooled(&all).map_or_else(|| Vector3::repeat(f64::NAN), |s| s.relative)
+    /// What the points of all bones with a fit say of the plan's shape; none where noise is small.
+    pub(crate) fn change(&self) -> Option<SpineChange> {
+        let all: Vec<&ShapeChange> = self
+            .fit
+            .fits
+            .iter()
+            .filter_map(|fit| fit.shape.as_ref())
+            .collect();
+        ShapeChange::of_spine(&all)
     }
 
     /// Whether the vertebrae that are trusted otherwise, or would be if their poses were known better,
-    /// have the size of the plan's.
-    fn size(&self, vertebrae: &[VertebraTransfer], options: &VerdictOptions) -> Option<Rejection> {
-        if self.fit.noise_mm < options.size_from_noise_mm {
-            return None;
-        }
-        let all: Vec<Stretch> = vertebrae
+    /// have the shape of the plan's where noise hides its bumps.
+    fn shape(&self, vertebrae: &[VertebraTransfer], options: &VerdictOptions) -> Option<Rejection> {
+        let all: Vec<&ShapeChange> = vertebrae
             .iter()
             .zip(&self.fit.fits)
             .filter(|(v, _)| v.reasons.iter().all(Rejection::is_about_precision))
-            .filter_map(|(_, fit)| fit.stretch)
+            .filter_map(|(_, fit)| fit.shape.as_ref())
             .collect();
-        let pooled = Stretch::pooled(&all)?;
-        let holds = pooled.chi_squared(self.fit.noise_mm) <= options.max_size_chi_squared;
-        (!holds).then(|| Rejection::SizeDiffers {
-            larger: pooled.relative.into(),
+        let change = ShapeChange::of_spine(&all)?;
+        let holds = change.excess <= options.max_shape_excess;
+        (!holds).then(|| Rejection::BonesDiffer {
+            excess: change.excess,
+            larger: change.larger.into(),
         })
     }
 
@@ -177,9 +180,6 @@ impl Conclusion<'_> {
             alternative_margin: evidence.alternative_margin,
             landmark_distance_mm: evidence.landmark_distance_mm.unwrap_or(f64::NAN),
             misfit_mm: fit.misfit.depth_mm(),
-            stretch: fit
-                .stretch
-                .map_or_else(|| Vector3::repeat(f64::NAN), |s| s.relative),
             seen_through: fit.seen_through,
             hidden_share: fit.hidden_share,
             origin: self.found.configuration.origins[v],

@@ -13,9 +13,10 @@ use crate::bone::BoneSurface;
 use crate::free_space::FreeSpace;
 use crate::misfit::{Misfit, misfit};
 use crate::model::Vertebra;
+use crate::noise_offset::BENDS_FROM_MM;
 use crate::points::PointSet;
 use crate::scoring::{ScoreTable, UNASSIGNED, points_of};
-use crate::stretch::{Stretch, stretch};
+use crate::shape_change::ShapeChange;
 use crate::tissue_mixture::{AmongTissue, among_tissue};
 
 /// Rounds of giving points to vertebrae and fitting.
@@ -65,8 +66,8 @@ pub(crate) struct Fit {
     pub(crate) coverage: f64,
     pub(crate) posterior_coverage: f64,
     pub(crate) misfit: Misfit,
-    /// How much larger the bone is than the plan's; none if its points do not tell.
-    pub(crate) stretch: Option<Stretch>,
+    /// Whether the bone has the plan's shape where noise hides its bumps; none where it does not.
+    pub(crate) shape: Option<ShapeChange>,
     /// Share of the bone's surface towards the camera that it saw through; 0 without a camera.
     pub(crate) seen_through: f64,
 }
@@ -225,12 +226,30 @@ pub(crate) fn finish(
     }
 
     let noise_mm = median_noise(&refinements);
+    let shapes = if sensor.free_space.is_none() && noise_mm >= BENDS_FROM_MM {
+        vertebrae
+            .par_iter()
+            .zip(&refinements)
+            .zip(&poses)
+            .zip(&lists)
+            .map(|(((vertebra, refinement), pose), own)| {
+                let Some(fit) = refinement else {
+                    return Ok(None);
+                };
+                let points = select(&target.points.positions, own);
+                ShapeChange::new(vertebra, pose, &points, (fit.noise_mm, gate_mm))
+            })
+            .collect::<Result<Vec<_>, SpineError>>()?
+    } else {
+        vertebrae.iter().map(|_| None).collect()
+    };
     let explained = Explained::count(&bones, &poses, &target.points, (noise_mm, sensor));
     let fits = vertebrae
         .par_iter()
         .zip(refinements)
+        .zip(shapes)
         .enumerate()
-        .map(|(v, (vertebra, refinement))| {
+        .map(|(v, ((vertebra, refinement), shape))| {
             let own = select(&target.points.positions, &lists[v]);
             let fitted_mm = refinement.as_ref().map_or(noise_mm, |fit| fit.noise_mm);
             let believable_mm = sensor.believable_mm(fitted_mm);
@@ -255,13 +274,7 @@ pub(crate) fn finish(
                 explained_share: explained.share_of(v),
                 hidden_share: explained.hidden_share(v),
                 misfit,
-                stretch: stretch(
-                    (&vertebra.bone, &vertebra.frame),
-                    &poses[v],
-                    &own,
-                    fitted_mm,
-                    sensor.free_space.is_some(),
-                ),
+                shape,
                 seen_through: sensor.free_space.map_or(0.0, |free_space| {
                     free_space
                         .contradiction(&vertebra.patches, &poses[v])

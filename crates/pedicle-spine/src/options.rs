@@ -103,13 +103,12 @@ pub struct VerdictOptions {
     /// The same for the misfit of all vertebrae together. Default 3: with less, a real spine was rejected
     /// at a noise of 1 mm, because noise leaves deeper bumps on it than on generated ones.
     pub pooled_misfit_in_sigma: f64,
-    /// Noise of the target from which on the size is judged, mm. Default 1.5: below that the shape itself tells, and
-    /// noise changes the size of real bones otherwise than that of generated ones.
-    pub size_from_noise_mm: f64,
-    /// Largest χ² (three degrees of freedom) of the difference in size of all bones together along their
-    /// axes. Default 4.6: of right spines at a noise of 2 mm the largest was 4.1, of others at 0.5 to 3 mm
-    /// most lie above.
-    pub max_size_chi_squared: f64,
+    /// Largest change of the shape of all bones together that noise may feign, in standard deviations of its χ². Judged
+    /// from a noise of 1.25 mm on, where noise hides bumps. Default 4.5: of right spines at 2 mm the largest was 3.7,
+    /// of other patients' the least 9.
+    pub max_shape_excess: f64,
+    /// Largest noise of what a camera saw, mm. Default 1.5: beyond that nothing tells there whose bone it is.
+    pub max_noise_of_camera_mm: f64,
     /// Largest share of the bone towards the camera that it may have seen through. Default 0.02: right poses show less than 0.005.
     pub max_seen_through: f64,
     /// Largest share of the points close to a bone that may lie a little in front of it. Default 0.5.
@@ -236,8 +235,8 @@ impl Default for VerdictOptions {
             max_breach_probability: 0.005,
             misfit_in_sigma: 3.0,
             pooled_misfit_in_sigma: 3.0,
-            size_from_noise_mm: 1.5,
-            max_size_chi_squared: 4.6,
+            max_shape_excess: 4.5,
+            max_noise_of_camera_mm: 1.5,
             max_seen_through: 0.02,
             max_hidden_share: 0.5,
             min_alternative_margin: 0.08,

@@ -56,8 +56,9 @@ pub enum Rejection {
     ShapeDiffers { misfit_mm: f64, patch_mm: f64 },
     /// The shapes of all vertebrae that are trusted otherwise differ together.
     SpineDiffers { misfit_mm: f64, patch_mm: f64 },
-    /// All bones together are larger or smaller than the plan's, along their left, anterior and up axes.
-    SizeDiffers { larger: [f64; 3] },
+    /// All bones together have another shape than the plan's: by how many standard deviations of what noise does, and
+    /// by how much they are larger along their left, anterior and up axes.
+    BonesDiffer { excess: f64, larger: [f64; 3] },
     /// The camera saw through where the bone would be.
     SeenThrough { share: f64, max: f64 },
     /// Too much of what lies close to the bone lies a little in front of it.
@@ -210,10 +211,10 @@ impl std::fmt::Display for Rejection {
                 "the shapes of all vertebrae together differ from the plan's by {misfit_mm:.2} mm over \
                  patches of {patch_mm:.0} mm: is this the right patient?"
             ),
-            Self::SizeDiffers { larger } => write!(
+            Self::BonesDiffer { excess, larger } => write!(
                 f,
-                "the bones are larger than the plan's by {:+.1} % to the side, {:+.1} % in depth and {:+.1} % \
-                 in height: is this the right patient?",
+                "the bones differ from the plan's by {excess:.0} times what noise does ({:+.1} % to the side, \
+                 {:+.1} % in depth, {:+.1} % in height): is this the right patient?",
                 100.0 * larger[0],
                 100.0 * larger[1],
                 100.0 * larger[2]

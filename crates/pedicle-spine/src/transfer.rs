@@ -78,9 +78,6 @@ pub struct VertebraTransfer {
     pub landmark_distance_mm: f64,
     /// Depth of the bumps by which the shape seen differs from the plan's, mm; NaN without points.
     pub misfit_mm: f64,
-    /// By how much the bone is larger than the plan's along its own left, anterior and up axes: 0.02 is
-    /// 2 %. NaN where its points do not tell.
-    pub stretch: nalgebra::Vector3<f64>,
     /// Share of the bone's surface towards the camera that it saw through; 0 without a camera.
     pub seen_through: f64,
     /// Of the target's points close to the bone the share that lies a little in front of it, as soft
@@ -124,8 +121,9 @@ pub struct Transfer {
     pub unexplained_share: f64,
     /// Share by which the target is explained worse with all levels shifted by one.
     pub level_margin: f64,
-    /// By how much all bones together are larger than the plan's, as [`VertebraTransfer::stretch`].
-    pub stretch: nalgebra::Vector3<f64>,
+    /// Whether all bones together have the shape of the plan's where noise hides their bumps; none where it
+    /// does not.
+    pub shape_change: Option<crate::SpineChange>,
 }
 
 impl Transfer {
@@ -252,7 +250,7 @@ pub fn transfer_with_progress(
         noise_mm: fit.noise_mm,
         unexplained_share: fit.unexplained_share,
         level_margin: found.level_margin,
-        stretch: conclusion.stretch(),
+        shape_change: conclusion.change(),
     })
 }
 

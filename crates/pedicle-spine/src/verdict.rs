@@ -96,11 +96,15 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
             min: options.min_explained_share,
         },
     );
+    let max_noise_mm = match evidence.bare_area_mm2 {
+        Some(_) => options.max_noise_of_camera_mm,
+        None => options.max_noise_mm,
+    };
     demand(
-        evidence.noise_mm <= options.max_noise_mm,
+        evidence.noise_mm <= max_noise_mm,
         Rejection::Noisy {
             noise_mm: evidence.noise_mm,
-            max_mm: options.max_noise_mm,
+            max_mm: max_noise_mm,
         },
     );
     let Deviations {

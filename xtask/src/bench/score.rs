@@ -156,8 +156,10 @@ fn evidence(found: &VertebraTransfer, transfer: &Transfer) -> String {
         worst.map_or(f64::NAN, f64::sqrt)
     };
     let (sd_rad, sd_mm) = (sd(0), sd(3));
+    let change = transfer.shape_change;
+    let larger = change.map_or([f64::NAN; 3], |c| c.larger.into());
     format!(
-        " [noise {:.2} of {:.2}, breach {breach}, misfit {:.2}, through {:.3}, hidden {:.2}, explained {:.2}, covers {:.2}, margin {:.2}, level {:.2}, sd {:.2} mm {:.2}°, n {}, bare {:.0} mm², larger by {:.2} {:.2} {:.2} % of {:.2} {:.2} {:.2} %]",
+        " [noise {:.2} of {:.2}, breach {breach}, misfit {:.2}, through {:.3}, hidden {:.2}, explained {:.2}, covers {:.2}, margin {:.2}, level {:.2}, sd {:.2} mm {:.2}°, n {}, bare {:.0} mm², differs by {:.1} ({:.1} {:.1} {:.1} %)]",
         found.noise_mm,
         transfer.sensor_noise_mm.unwrap_or(f64::NAN),
         found.misfit_mm,
@@ -171,12 +173,10 @@ fn evidence(found: &VertebraTransfer, transfer: &Transfer) -> String {
         sd_rad.to_degrees(),
         found.n_points,
         found.bare_area_mm2.unwrap_or(f64::NAN),
-        100.0 * found.stretch.x,
-        100.0 * found.stretch.y,
-        100.0 * found.stretch.z,
-        100.0 * transfer.stretch.x,
-        100.0 * transfer.stretch.y,
-        100.0 * transfer.stretch.z,
+        change.map_or(f64::NAN, |c| c.excess),
+        100.0 * larger[0],
+        100.0 * larger[1],
+        100.0 * larger[2],
     )
 }
 
