@@ -93,18 +93,14 @@ pub fn generate_phantom(
         .into_iter()
         .map(|level| {
             let pose = &spine.poses[level.index()];
-            let shape = &spine.vertebrae[level.index()];
-            let (inside, outward) = (shape.spinous.inside, shape.spinous.outward);
-            let along = spine
-                .crossing(level, &inside, &outward, AXIS_REACH_MM)
-                .ok_or(SimulationError::LandmarkMissesSurface {
-                    level,
-                    reach_mm: AXIS_REACH_MM,
-                })?;
+            let tip = spinous_tip(&spine, level).ok_or(SimulationError::LandmarkMissesSurface {
+                level,
+                reach_mm: AXIS_REACH_MM,
+            })?;
             Ok(PhantomVertebra {
                 level,
                 mesh: mesh_vertebra(&spine, level, meshing)?,
-                landmark: pose * (inside + outward * along),
+                landmark: pose * tip,
                 pedicles: [
                     pedicle_truth(&spine, level, Side::Left)?,
                     pedicle_truth(&spine, level, Side::Right)?,
@@ -113,6 +109,21 @@ pub fn generate_phantom(
         })
         .collect::<Result<_, SimulationError>>()?;
     Ok(Phantom { vertebrae })
+}
+
+/// Top of the spinous process in the vertebra's own frame; none where a neighbour's takes its place.
+fn spinous_tip(spine: &SpineShape, level: Level) -> Option<Point3<f64>> {
+    let spinous = &spine.vertebrae[level.index()].spinous;
+    let along_mm = spine.crossing(level, &spinous.inside, &spinous.outward, AXIS_REACH_MM)?;
+    Some(spinous.inside + spinous.outward * along_mm)
+}
+
+/// Whether every spinous process of these dimensions has its end.
+pub(crate) fn has_all_tips(parameters: &PhantomParameters) -> bool {
+    let spine = SpineShape::new(parameters);
+    Level::ALL
+        .into_iter()
+        .all(|level| spinous_tip(&spine, level).is_some())
 }
 
 fn pedicle_truth(

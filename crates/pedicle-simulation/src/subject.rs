@@ -17,10 +17,13 @@ use rand_distr::{Distribution, StandardNormal};
 
 use crate::morphometry::{self as table, MorphometryRow, Unit};
 use crate::parameters::SMALLEST_PEDICLE_WIDTH_MM;
+use crate::phantom::has_all_tips;
 use crate::{LevelParameters, PhantomParameters, SideParameters};
 
 /// Shares of the common size, the dimension and the single value in a drawn dimension.
 const SHARES: [f64; 3] = [0.6, 0.7, 0.39];
+/// Times that a subject is drawn again at most.
+const MAX_REDRAWS: usize = 50;
 /// Draws are cut off here, in standard deviations, so that every subject can be built.
 const LARGEST_DRAW: f64 = 1.7;
 /// Relative difference of a side from the mean of both (standard deviation).
@@ -50,11 +53,23 @@ impl Default for PhantomParameters {
 }
 
 impl PhantomParameters {
-    /// A subject: the same seed gives the same spine, another seed another one.
+    /// A subject: the same seed gives the same spine, another seed another one. Dimensions that do not fit together
+    /// (one in some hundreds: a neighbour takes the place of a spinous process) are drawn again.
     #[must_use]
     pub fn subject(seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        let mut normal = move || -> f64 { StandardNormal.sample(&mut rng) };
+        let mut parameters = Self::person(&mut rng);
+        for _ in 0..MAX_REDRAWS {
+            if has_all_tips(&parameters) {
+                break;
+            }
+            parameters = Self::person(&mut rng);
+        }
+        parameters
+    }
+
+    fn person(rng: &mut ChaCha8Rng) -> Self {
+        let mut normal = || -> f64 { StandardNormal.sample(rng) };
         let size = normal();
         let n_rows = table::TABLE.len();
         let shape: Vec<f64> = (0..n_rows).map(|_| normal()).collect();

@@ -100,10 +100,16 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
         Some(_) => options.max_noise_of_camera_mm,
         None => options.max_noise_mm,
     };
+    // One bone of a noisy target may fit by chance as if it were not.
+    let noise_mm = if evidence.noise_mm < evidence.others_noise_mm {
+        evidence.others_noise_mm
+    } else {
+        evidence.noise_mm
+    };
     demand(
-        evidence.noise_mm <= max_noise_mm,
+        noise_mm <= max_noise_mm,
         Rejection::Noisy {
-            noise_mm: evidence.noise_mm,
+            noise_mm,
             max_mm: max_noise_mm,
         },
     );
