@@ -13,7 +13,9 @@ use crate::rejection::Rejection;
 use crate::search::Found;
 use crate::shape_change::{ShapeChange, SpineChange};
 use crate::uncertainty::{uncertainty, worst_of_pose};
-use crate::verdict::{Deviations, Evidence, chain_rejections, pooled_rejection, rejections};
+use crate::verdict::{
+    Deviations, Evidence, chain_rejections, pooled_rejection, rejections, second_smallest,
+};
 use crate::{TrajectoryUncertainty, TransferredTrajectory, VerdictOptions, VertebraTransfer};
 
 /// All that the verdicts rest on.
@@ -141,12 +143,15 @@ impl Conclusion<'_> {
     ) -> VertebraTransfer {
         let (vertebra, fit) = (&self.model.vertebrae[v], &self.fit.fits[v]);
         let pose = fit.target_from_source;
+        let fitted = self.fit.fits.iter().filter_map(|f| f.refinement.as_ref());
+        let noises_mm = fitted.map(|r| r.noise_mm);
         let evidence = Evidence {
             n_points: fit.n_points,
             posterior_coverage: fit.posterior_coverage,
             explained_share: fit.explained_share,
             noise_mm: fit.refinement.as_ref().map_or(f64::NAN, |r| r.noise_mm),
             others_noise_mm: self.fit.noise_mm,
+            quiet_noise_mm: second_smallest(noises_mm.collect()),
             deviations: fit
                 .covariance
                 .map(|c| self.deviations(v, &c, uncertainties)),

@@ -14,7 +14,7 @@ use pedicle_registration::pose_error;
 use crate::tracker::SpineTracker;
 use crate::tracker_fit::{Fitted, Seen};
 use crate::uncertainty::worst_of_pose;
-use crate::verdict::{Deviations, Evidence, chain_rejections, rejections};
+use crate::verdict::{Deviations, Evidence, chain_rejections, rejections, second_smallest};
 use crate::{LostReason, Rejection};
 
 /// The noise of a vertebra against that of the frames before: by factor and by excess, mm. A vertebra
@@ -37,6 +37,7 @@ impl SpineTracker<'_> {
         });
         let whole = Whole {
             noise_mm,
+            quiet_noise_mm: second_smallest(fits.iter().map(Fitted::noise_mm).collect()),
             sensor_noise_mm: seen.noise_mm,
             unexplained_share: 1.0 - share(n_explained, n_near),
         };
@@ -88,6 +89,7 @@ impl SpineTracker<'_> {
             explained_share: share(own.n_explained, own.n_near),
             noise_mm,
             others_noise_mm: whole.noise_mm,
+            quiet_noise_mm: whole.quiet_noise_mm,
             deviations: own.covariance.as_ref().map(|covariance| {
                 let (orientation_rad, position_mm) = worst_of_pose(covariance);
                 Deviations {
@@ -153,6 +155,7 @@ impl SpineTracker<'_> {
 struct Whole {
     /// Median noise.
     noise_mm: f64,
+    quiet_noise_mm: f64,
     sensor_noise_mm: Option<f64>,
     /// Of the points on or behind bone.
     unexplained_share: f64,
