@@ -364,46 +364,52 @@ impl Explained {
         (noise_mm, sensor): (f64, &Sensor<'_>),
     ) -> Self {
         let limit_mm = EXPLAINED_FLOOR_MM + EXPLAINED_IN_SIGMA * noise_mm;
+        let inverses: Vec<Isometry3<f64>> = poses.iter().map(Isometry3::inverse).collect();
+        // The nearest vertebra of every point, how far it is, and whether the point may hide it.
+        let nearest: Vec<(f64, Option<usize>, bool)> = points
+            .positions
+            .par_iter()
+            .enumerate()
+            .map(|(p, point)| {
+                let mut nearest = (NEAR_MM, None, false);
+                for (v, (bone, inverse)) in bones.iter().zip(&inverses).enumerate() {
+                    let local = inverse * point;
+                    if (local - bone.centroid()).norm() > bone.radius_mm() + nearest.0 {
+                        continue;
+                    }
+                    let hit = bone.closest_within(&local, nearest.0);
+                    if let Some(hit) = hit.filter(|hit| hit.distance_mm < nearest.0) {
+                        let hides_bone = sensor.free_space.is_some_and(|free_space| {
+                            let offset = poses[v].rotation * (local - hit.point);
+                            offset.dot(&free_space.towards_camera(point)) > 0.0
+                                || !points.agrees_in(p, &poses[v], &hit.normal)
+                        });
+                        nearest = (hit.distance_mm, Some(v), hides_bone);
+                    }
+                }
+                nearest
+            })
+            .collect();
         let mut counts = Self {
             n_near: vec![0; bones.len()],
             n_explained: vec![0; bones.len()],
             n_hiding: vec![0; bones.len()],
-            n_points: 0,
+            n_points: points.positions.len(),
         };
-        counts.n_points = points.positions.len();
-        let inverses: Vec<Isometry3<f64>> = poses.iter().map(Isometry3::inverse).collect();
-        for (p, point) in points.positions.iter().enumerate() {
-            let mut nearest = (NEAR_MM, None);
-            let mut hides_bone = false;
-            for (v, (bone, inverse)) in bones.iter().zip(&inverses).enumerate() {
-                let local = inverse * point;
-                if (local - bone.centroid()).norm() > bone.radius_mm() + nearest.0 {
-                    continue;
-                }
-                let hit = bone.closest(&local);
-                if hit.distance_mm < nearest.0 {
-                    nearest = (hit.distance_mm, Some(v));
-                    hides_bone = sensor.free_space.is_some_and(|free_space| {
-                        let offset = poses[v].rotation * (local - hit.point);
-                        offset.dot(&free_space.towards_camera(point)) > 0.0
-                            || !points.agrees_in(p, &poses[v], &hit.normal)
-                    });
-                }
-            }
-            if nearest.1.is_none() && sensor.free_space.is_some() {
+        for (distance, vertebra, hides_bone) in nearest {
+            let Some(v) = vertebra else {
+                counts.n_points -= usize::from(sensor.free_space.is_some());
+                continue;
+            };
+            let is_explained = distance <= limit_mm;
+            // Between the camera and the bone may be soft tissue: that contradicts nothing.
+            if hides_bone && !is_explained {
+                counts.n_hiding[v] += usize::from(distance <= CLOSE_MM);
                 counts.n_points -= 1;
+                continue;
             }
-            if let (distance, Some(v)) = nearest {
-                let is_explained = distance <= limit_mm;
-                // Between the camera and the bone may be soft tissue: that contradicts nothing.
-                if hides_bone && !is_explained {
-                    counts.n_hiding[v] += usize::from(distance <= CLOSE_MM);
-                    counts.n_points -= 1;
-                    continue;
-                }
-                counts.n_near[v] += 1;
-                counts.n_explained[v] += usize::from(is_explained);
-            }
+            counts.n_near[v] += 1;
+            counts.n_explained[v] += usize::from(is_explained);
         }
         counts
     }

@@ -48,6 +48,7 @@
 mod bare_bone;
 mod bone;
 mod chain;
+mod closest_on_triangle;
 mod conclusion;
 mod error;
 mod finish;
@@ -60,6 +61,7 @@ mod misfit;
 mod model;
 mod nearby;
 mod nearest_cells;
+mod nearest_vertices;
 mod options;
 mod points;
 mod prepare;
