@@ -48,6 +48,11 @@ pub(crate) struct BareBone {
     pub(crate) round: usize,
 }
 
+/// Whether the noise is so small that patches of a part of the points tell bone from tissue as well.
+pub(crate) fn few_points_tell(noise_mm: f64) -> bool {
+    SMOOTHER_FROM_MM.iter().all(|&from| noise_mm <= from)
+}
+
 impl BareBone {
     /// Leaves out points that lie too far in front of the bone, or whose normals contradict its own.
     pub(crate) fn retain(

@@ -8,7 +8,7 @@ use pedicle_registration::{
 use rayon::prelude::*;
 
 use crate::SpineError;
-use crate::bare_bone::BareBone;
+use crate::bare_bone::{BareBone, few_points_tell};
 use crate::bone::BoneSurface;
 use crate::free_space::FreeSpace;
 use crate::misfit::{Misfit, misfit};
@@ -27,6 +27,8 @@ const ROUNDS_BEFORE: usize = 2;
 /// Rounds before the last ones take so many steps at most: their points change.
 const LAST_ROUNDS: usize = 2;
 const EARLY_STEPS: usize = 6;
+/// Points of those rounds, of all bones, where there are normals to choose among them.
+const EARLY_POINTS: usize = 5000;
 /// The gate in standard deviations of the noise: farther points are not this vertebra's.
 const GATE_IN_SIGMA: f64 = 5.0;
 /// Smallest gate of the first round and bounds of the later ones, mm.
@@ -94,6 +96,11 @@ impl Sensor<'_> {
         (self.free_space.is_some() && noise_mm <= TELLS_TISSUE_MM).then_some(noise_mm)
     }
 
+    /// Whether a part of the points of a camera tells bone from tissue.
+    fn few_points_tell(&self) -> bool {
+        self.free_space.is_some() && self.noise_mm.is_some_and(few_points_tell)
+    }
+
     /// The noise that the sensor answers for: tissue taken for bone makes the residuals larger.
     fn believable_mm(&self, fitted_mm: f64) -> f64 {
         match self.noise_mm {
@@ -136,6 +143,18 @@ pub(crate) struct FinePoints {
     pub(crate) n_pieces: usize,
 }
 
+impl FinePoints {
+    /// The points of the rounds before the last ones where fewer give the same pose; else none.
+    fn early(&self, sensor: &Sensor<'_>) -> Option<Self> {
+        let stride = self.points.positions.len() / EARLY_POINTS;
+        (sensor.few_points_tell() && stride > 1).then(|| Self {
+            points: self.points.every(stride),
+            piece: self.piece.iter().step_by(stride).copied().collect(),
+            n_pieces: self.n_pieces,
+        })
+    }
+}
+
 /// Fits every vertebra to its points, starting from poses that are nearly right.
 pub(crate) fn finish(
     vertebrae: &[Vertebra],
@@ -152,11 +171,18 @@ pub(crate) fn finish(
         Some(_) => KNOWN_ROUNDS,
         None => ROUNDS,
     };
+    let early = target.early(sensor);
+    // Where every point is weighed afterwards, one round with all of them is enough.
+    let n_last = if early.is_some() { 1 } else { LAST_ROUNDS };
     for round in 0..n_rounds {
+        let is_early = round + n_last < n_rounds;
+        let target = match &early {
+            Some(early) if is_early => early,
+            _ => target,
+        };
         let mut owners = ScoreTable::new(&bones, &poses, &target.points, gate_mm).owners();
         settle_pieces(&mut owners, target, vertebrae.len());
         lists = points_of(&owners, vertebrae.len());
-        let is_early = round + LAST_ROUNDS < n_rounds;
         let options = RefineOptions {
             max_distance_mm: gate_mm,
             start_distance_mm: None,
@@ -372,11 +398,24 @@ impl Explained {
             .enumerate()
             .map(|(p, point)| {
                 let mut nearest = (NEAR_MM, None, false);
-                for (v, (bone, inverse)) in bones.iter().zip(&inverses).enumerate() {
-                    let local = inverse * point;
-                    if (local - bone.centroid()).norm() > bone.radius_mm() + nearest.0 {
-                        continue;
+                // Those beside the nearest one are soon out of reach.
+                let mut order: Vec<(f64, usize, Point3<f64>)> = bones
+                    .iter()
+                    .zip(&inverses)
+                    .enumerate()
+                    .map(|(v, (bone, inverse))| {
+                        let local = inverse * point;
+                        let least = (local - bone.centroid()).norm() - bone.radius_mm();
+                        (least, v, local)
+                    })
+                    .filter(|(least, ..)| *least <= NEAR_MM)
+                    .collect();
+                order.sort_by(|a, b| a.0.total_cmp(&b.0));
+                for (least, v, local) in order {
+                    if least > nearest.0 {
+                        break;
                     }
+                    let bone = bones[v];
                     let hit = bone.closest_within(&local, nearest.0);
                     if let Some(hit) = hit.filter(|hit| hit.distance_mm < nearest.0) {
                         let hides_bone = sensor.free_space.is_some_and(|free_space| {

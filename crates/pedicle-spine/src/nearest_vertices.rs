@@ -7,7 +7,8 @@
 //! m is the middle of the cell, e its edges, v the vertex nearest to m: the left side is what the squared
 //! distances differ by at m, the right side the most that this changes within the cell. Far from the surface
 //! as near it only the few vertices are left whose foot points lie beside each other. The grid is halved
-//! again and again, and every part hands on to its halves what is left in it. Lengths in mm, source frame.
+//! again and again, and every part hands on to its halves what is left in it, until that is little. Lengths in
+//! mm, source frame.
 
 use nalgebra::{Point3, Vector3};
 
@@ -17,6 +18,8 @@ const LEAST_CELL_MM: f64 = 1.5;
 pub(crate) const MARGIN_MM: f64 = 16.0;
 /// Most cells; a larger grid has larger cells.
 const MAX_CELLS: f64 = 1e6;
+/// So few vertices are looked through rather than told apart by smaller cells.
+const FEW: usize = 6;
 /// What rounding may do to squared distances, relative and mm².
 const ROUNDING: f64 = 1e-9;
 
@@ -98,11 +101,16 @@ impl NearestVertices {
         } else {
             longest
         };
-        if length(longest) == 1 {
+        if length(longest) == 1 || left.len() <= FEW {
             let begin = self.candidates.len() as u32;
             self.candidates.extend(left);
-            let at = self.index(from);
-            self.ranges[at] = [begin, self.candidates.len() as u32];
+            let range = [begin, self.candidates.len() as u32];
+            for k in from[2]..to[2] {
+                for j in from[1]..to[1] {
+                    let (first, last) = (self.index([from[0], j, k]), self.index([to[0], j, k]));
+                    self.ranges[first..last].fill(range);
+                }
+            }
             return;
         }
         let middle = from[longest] + length(longest) / 2;
@@ -178,7 +186,12 @@ mod tests {
         assert_eq!(cells.nearest(&far, &vertices), None, "outside the grid");
         let nowhere = Point3::new(f64::NAN, 0.0, 0.0);
         assert_eq!(cells.nearest(&nowhere, &vertices), None, "nowhere");
-        let per_cell = cells.candidates.len() as f64 / cells.ranges.len() as f64;
+        let most = cells
+            .ranges
+            .iter()
+            .map(|[begin, end]| end - begin)
+            .sum::<u32>();
+        let per_cell = f64::from(most) / cells.ranges.len() as f64;
         assert!(per_cell < 20.0, "{per_cell} vertices a cell");
     }
 }

@@ -79,6 +79,26 @@ impl PointSet {
         }
     }
 
+    /// Every n-th point, with what is left of the patches.
+    pub(crate) fn every(&self, stride: usize) -> Self {
+        let place = |p: u32| {
+            (p as usize)
+                .is_multiple_of(stride)
+                .then_some(p / stride as u32)
+        };
+        Self {
+            positions: self.positions.iter().step_by(stride).copied().collect(),
+            normals: self.normals.iter().step_by(stride).copied().collect(),
+            is_oriented: self.is_oriented,
+            patches: self
+                .patches
+                .iter()
+                .step_by(stride)
+                .map(|patch| patch.iter().filter_map(|&p| place(p)).collect())
+                .collect(),
+        }
+    }
+
     /// Some of the points, in their order.
     pub(crate) fn thinned_out(&self, n: usize, rng: &mut ChaCha8Rng) -> Self {
         if self.positions.len() <= n {
