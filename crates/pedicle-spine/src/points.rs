@@ -119,3 +119,29 @@ impl PointSet {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_third_point_keeps_what_is_left_of_its_patch() {
+        let all = PointSet {
+            positions: (0..8)
+                .map(|i| Point3::new(f64::from(i), 0.0, 0.0))
+                .collect(),
+            normals: vec![Vector3::z(); 8],
+            is_oriented: true,
+            patches: (0..8).map(|i| vec![i, (i + 1) % 8, (i + 3) % 8]).collect(),
+        };
+        let few = all.every(3);
+        let x: Vec<f64> = few.positions.iter().map(|p| p.x).collect();
+        assert_eq!(x, [0.0, 3.0, 6.0], "places");
+        assert_eq!(few.normals.len(), 3, "normals");
+        assert_eq!(
+            few.patches,
+            [vec![0, 1], vec![1, 2], vec![2]],
+            "patches by the new places"
+        );
+    }
+}
