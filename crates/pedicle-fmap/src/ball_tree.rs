@@ -80,9 +80,8 @@ impl<T: Scalar> BallTree<T> {
         }
     }
 
-    /// Rows that stay where they are.
-    pub(crate) fn at_rest(matrix: MatRef<'_, f64>) -> Self {
-        let order = neighbours_side_by_side(matrix);
+    /// Rows that stay where they are, in an order in which neighbours stand side by side.
+    pub(crate) fn at_rest(matrix: MatRef<'_, f64>, order: Vec<u32>) -> Self {
         let rows = Leaves::from_rows(matrix, &order, 1.0);
         let mut tree = Self::new(matrix.subcols(0, 0), order, 1.0, matrix.ncols());
         tree.rows = rows;

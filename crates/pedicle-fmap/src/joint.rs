@@ -9,7 +9,7 @@
 
 use faer::{Mat, MatRef};
 
-use crate::{PointMap, PointMapPair, linear::product, nearest::nearest_rows};
+use crate::{PointMap, PointMapPair, linear::product, nearest::nearest_rows_both_ways};
 
 /// Rows whose squared distances are half of |Φ_t C - Φ_s|² + |Φ_t - Φ_s Cᵀ|².
 pub(crate) fn joint_embedding(
@@ -72,13 +72,14 @@ fn with_column(rows: MatRef<'_, f64>, column: Option<&[f64]>) -> Mat<f64> {
 
 /// The nearest rows in both directions.
 pub(crate) fn nearest_pair(source_rows: &Mat<f64>, target_rows: &Mat<f64>) -> PointMapPair {
+    let (there, back) = nearest_rows_both_ways(target_rows.as_ref(), source_rows.as_ref());
     PointMapPair {
         target_to_source: PointMap {
-            source_of_target: nearest_rows(target_rows.as_ref(), source_rows.as_ref()),
+            source_of_target: there,
             n_source_vertices: source_rows.nrows(),
         },
         source_to_target: PointMap {
-            source_of_target: nearest_rows(source_rows.as_ref(), target_rows.as_ref()),
+            source_of_target: back,
             n_source_vertices: target_rows.nrows(),
         },
     }

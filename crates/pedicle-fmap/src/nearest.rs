@@ -36,10 +36,32 @@ const REMEMBERED_REACH: f64 = 1.5;
 ///
 /// Both matrices are finite and have the same number of columns; there is a reference.
 pub(crate) fn nearest_rows(queries: MatRef<'_, f64>, references: MatRef<'_, f64>) -> Vec<u32> {
+    let (order, others) = orders(queries, references);
+    nearest_in_order((queries, &order), (references, &others))
+}
+
+/// The nearest row of `b` to every row of `a`, and of `a` to every row of `b`, as [`nearest_rows`].
+pub(crate) fn nearest_rows_both_ways(
+    a: MatRef<'_, f64>,
+    b: MatRef<'_, f64>,
+) -> (Vec<u32>, Vec<u32>) {
+    let (of_a, of_b) = orders(a, b);
+    let there = nearest_in_order((a, &of_a), (b, &of_b));
+    (there, nearest_in_order((b, &of_b), (a, &of_a)))
+}
+
+fn orders(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> (Vec<u32>, Vec<u32>) {
+    rayon::join(|| neighbours_side_by_side(a), || neighbours_side_by_side(b))
+}
+
+/// The same for rows whose orders are known.
+fn nearest_in_order(
+    (queries, order): (MatRef<'_, f64>, &[u32]),
+    (references, of_references): (MatRef<'_, f64>, &[u32]),
+) -> Vec<u32> {
     debug_assert_eq!(queries.ncols(), references.ncols(), "same dimension");
     debug_assert!(references.nrows() > 0, "something to choose from");
-    let tree = BallTree::<f64>::at_rest(references);
-    let order = neighbours_side_by_side(queries);
+    let tree = BallTree::<f64>::at_rest(references, of_references.to_vec());
     // Points as columns: contiguous.
     let queries = Mat::from_fn(queries.ncols(), order.len(), |j, i| {
         queries[(order[i] as usize, j)]

@@ -13,9 +13,11 @@
 
 use nalgebra::{Isometry3, Point3};
 use pedicle_registration::ReferenceSurface;
+use rayon::prelude::*;
 
 use crate::bone::BoneSurface;
 use crate::points::PointSet;
+use crate::scoring::MIN_POINTS_A_TASK;
 
 /// A single point farther in front of the bone than this many standard deviations is soft tissue.
 const FRONT_IN_SIGMA: f64 = 2.2;
@@ -46,6 +48,11 @@ pub(crate) struct BareBone {
     pub(crate) round: usize,
 }
 
+/// Whether the noise is so small that patches of a part of the points tell bone from tissue as well.
+pub(crate) fn few_points_tell(noise_mm: f64) -> bool {
+    SMOOTHER_FROM_MM.iter().all(|&from| noise_mm <= from)
+}
+
 impl BareBone {
     /// Leaves out points that lie too far in front of the bone, or whose normals contradict its own.
     pub(crate) fn retain(
@@ -61,13 +68,14 @@ impl BareBone {
         let inverse = pose.inverse();
         let signed_mm = |p: u32| -> Option<f64> {
             let local: Point3<f64> = inverse * points.positions[p as usize];
-            let hit = bone.closest(&local);
-            let is_near = hit.distance_mm <= self.gate_mm;
-            (is_near && points.agrees_in(p as usize, pose, &hit.normal))
+            let hit = bone.closest_within(&local, self.gate_mm)?;
+            points
+                .agrees_in(p as usize, pose, &hit.normal)
                 .then(|| (local - hit.point).dot(&hit.normal))
         };
         let found: Vec<(u32, f64)> = own
-            .iter()
+            .par_iter()
+            .with_min_len(MIN_POINTS_A_TASK)
             .filter_map(|&p| Some((p, signed_mm(p)?)))
             .collect();
         let (Some(noise_mm), true) = (self.noise_mm, self.is_from_camera) else {

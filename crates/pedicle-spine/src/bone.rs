@@ -14,27 +14,40 @@ use pedicle_mesh::TriMesh;
 use pedicle_registration::{ReferenceSurface, SurfaceHit};
 
 use crate::SpineError;
+use crate::closest_on_triangle::{closest_barycentric, combine};
 use crate::nearest_cells::NearestCells;
+use crate::nearest_vertices::{MARGIN_MM, NearestVertices};
 
-/// A triangle surface with cells that know a vertex nearby, and a k-d tree for points far away.
+/// A triangle surface with cells that know the vertices nearby, and a k-d tree for points far away.
 ///
-/// The closest point is searched on the triangles around the vertex that a walk from vertex to
-/// neighbouring vertex ends at: nearly always exact where triangles are of even size, as on surfaces
-/// from a CT (tested against all triangles), and never farther than that vertex.
+/// The closest point is searched on the triangles around the nearest vertex: nearly always exact where
+/// triangles are of even size, as on surfaces from a CT (tested against all triangles), and never farther
+/// than that vertex. On a fine surface a walk from vertex to neighbouring vertex finds it.
 #[derive(Debug)]
 pub(crate) struct BoneSurface {
     vertices: Vec<Point3<f64>>,
     normals: Vec<Vector3<f64>>,
-    faces: Vec<[u32; 3]>,
+    /// Corners of the triangles around every vertex, as ranges of one list.
     faces_start: Vec<u32>,
-    faces_of_vertex: Vec<u32>,
+    faces_of_vertex: Vec<[u32; 3]>,
     tree: ImmutableKdTree<f64, 3>,
-    /// None of a coarse surface: there the tree is as fast.
-    cells: Option<NearestCells>,
+    cells: Cells,
+    /// For every vertex the square of what no place of its triangles is farther from their nearest corner.
+    reach_squared: Vec<f64>,
+    most_reach_mm: f64,
     neighbours_start: Vec<u32>,
     neighbours: Vec<u32>,
     centroid: Point3<f64>,
     radius_mm: f64,
+}
+
+/// What finds a vertex near a point.
+#[derive(Debug)]
+enum Cells {
+    /// Of a fine surface: the beginning of a walk.
+    Fine(NearestCells),
+    /// Of a coarse one: the vertex itself.
+    Coarse(NearestVertices),
 }
 
 impl BoneSurface {
@@ -51,10 +64,10 @@ impl BoneSurface {
             faces_start[v + 1] += faces_start[v];
         }
         let mut next = faces_start.clone();
-        let mut faces_of_vertex = vec![0u32; mesh.n_faces() * 3];
-        for (f, face) in mesh.faces().iter().enumerate() {
+        let mut faces_of_vertex = vec![[0u32; 3]; mesh.n_faces() * 3];
+        for face in mesh.faces() {
             for &v in face {
-                faces_of_vertex[next[v as usize] as usize] = f as u32;
+                faces_of_vertex[next[v as usize] as usize] = *face;
                 next[v as usize] += 1;
             }
         }
@@ -64,6 +77,13 @@ impl BoneSurface {
                 reason: format!("{e:?}"),
             })?;
         let (neighbours_start, neighbours) = neighbours(mesh);
+        let reach_squared = reach_squared(mesh);
+        let spacing_mm = spacing_mm(mesh);
+        let cells = if spacing_mm <= WALK_REACH_MM {
+            Cells::Fine(NearestCells::new(mesh.vertices()))
+        } else {
+            Cells::Coarse(NearestVertices::new(mesh.vertices(), spacing_mm))
+        };
         let centroid = mesh.centroid();
         let radius_mm = mesh
             .vertices()
@@ -73,11 +93,12 @@ impl BoneSurface {
         Ok(Self {
             vertices: mesh.vertices().to_vec(),
             normals: mesh.vertex_normals(),
-            faces: mesh.faces().to_vec(),
             faces_start,
             faces_of_vertex,
             tree,
-            cells: (spacing_mm(mesh) <= WALK_REACH_MM).then(|| NearestCells::new(mesh.vertices())),
+            cells,
+            most_reach_mm: reach_squared.iter().copied().fold(0.0, f64_max).sqrt(),
+            reach_squared,
             neighbours_start,
             neighbours,
             centroid,
@@ -121,15 +142,17 @@ impl BoneSurface {
         self.radius_mm
     }
 
-    /// The vertex nearest to a point: by a walk to ever nearer neighbours where that ends close by.
-    fn vertex_by_walk(&self, point: &Point3<f64>) -> u32 {
-        let near = self
-            .cells
-            .as_ref()
-            .and_then(|cells| cells.vertex_near(point));
-        let Some(mut vertex) = near else {
-            return self.nearest_vertex(point);
-        };
+    /// The vertex nearest to a point and its squared distance; none where cells do not tell.
+    fn vertex_by_cells(&self, point: &Point3<f64>) -> Option<(u32, f64)> {
+        match &self.cells {
+            Cells::Fine(cells) => self.vertex_by_walk(cells, point),
+            Cells::Coarse(cells) => cells.nearest(point, &self.vertices),
+        }
+    }
+
+    /// The same by a walk to ever nearer neighbours; none where that does not end close by.
+    fn vertex_by_walk(&self, cells: &NearestCells, point: &Point3<f64>) -> Option<(u32, f64)> {
+        let mut vertex = cells.vertex_near(point)?;
         let mut least = (self.vertices[vertex as usize] - point).norm_squared();
         loop {
             let at = vertex as usize;
@@ -143,12 +166,20 @@ impl BoneSurface {
             }
             if is_nearest {
                 // Farther away the walk may have ended on the other side of a thin bone.
-                return if least <= WALK_REACH_MM * WALK_REACH_MM {
-                    vertex
-                } else {
-                    self.nearest_vertex(point)
-                };
+                return (least <= WALK_REACH_MM * WALK_REACH_MM).then_some((vertex, least));
             }
+        }
+    }
+
+    /// Whether a point for which cells know no vertex is farther from the surface than a distance.
+    fn is_clearly_beyond(&self, point: &Point3<f64>, within_mm: f64) -> bool {
+        match &self.cells {
+            Cells::Fine(cells) => cells.vertex_near(point).is_some_and(|v| {
+                let reach_mm = CELLS_REACH_MM + self.most_reach_mm;
+                (self.vertices[v as usize] - point).norm() > within_mm + reach_mm
+            }),
+            // The point lies outside the grid.
+            Cells::Coarse(_) => within_mm < MARGIN_MM,
         }
     }
 
@@ -158,7 +189,7 @@ impl BoneSurface {
         if (point - self.centroid).norm() > self.radius_mm + within_mm {
             return false;
         }
-        let Some(cells) = &self.cells else {
+        let Cells::Fine(cells) = &self.cells else {
             return true;
         };
         cells.vertex_near(point).is_none_or(|v| {
@@ -197,28 +228,50 @@ impl BoneSurface {
         }
     }
 
+    /// The closest point of the triangles around a vertex and its normal, not of unit length.
     fn closest_around(&self, vertex: u32, point: &Point3<f64>) -> (f64, Point3<f64>, Vector3<f64>) {
         let v = vertex as usize;
         let position = self.vertices[v];
-        let mut best = ((point - position).norm_squared(), position, self.normals[v]);
+        let aside = point - position;
+        let mut best = (aside.norm_squared(), position);
+        let mut best_on = None;
         let range = self.faces_start[v] as usize..self.faces_start[v + 1] as usize;
-        for &f in &self.faces_of_vertex[range] {
-            let corners = self.faces[f as usize];
-            let triangle = corners.map(|i| self.vertices[i as usize]);
-            let weights = closest_barycentric(point, &triangle);
-            let q = combine(&weights, &triangle.map(|p| p.coords));
-            let squared = (point.coords - q).norm_squared();
+        for corners in &self.faces_of_vertex[range] {
+            let [a, b, c] = corners.map(|i| self.vertices[i as usize]);
+            // Of a triangle that lies behind its corner the corner is nearest.
+            let is_behind =
+                |p: &Point3<f64>| (p - position).dot(&aside) <= -BEHIND || *p == position;
+            if is_behind(&a) && is_behind(&b) && is_behind(&c) {
+                continue;
+            }
+            let weights = closest_barycentric(point, &a, &b, &c);
+            let q = Point3::from(combine(&weights, &a.coords, &b.coords, &c.coords));
+            let squared = (point - q).norm_squared();
             if squared < best.0 {
-                let normal = combine(&weights, &corners.map(|i| self.normals[i as usize]));
-                best = (squared, Point3::from(q), normal);
+                best = (squared, q);
+                best_on = Some((corners, weights));
             }
         }
-        best
+        let normal = match best_on {
+            Some((corners, weights)) => {
+                let [a, b, c] = corners.map(|i| self.normals[i as usize]);
+                combine(&weights, &a, &b, &c)
+            }
+            None => self.normals[v],
+        };
+        (best.0, best.1, normal)
     }
 }
 
+/// A triangle lies behind a corner if the products of its edges and of the way to the point are below this:
+/// beyond what rounding does, mm².
+const BEHIND: f64 = 1e-6;
+
 /// A walk that ends farther away than this is not trusted, mm: thin bone is twice as thick.
 const WALK_REACH_MM: f64 = 1.5;
+
+/// What rounding may do to a squared distance, relative and mm².
+const ROUNDING: f64 = 1e-9;
 
 /// The vertex that a cell knows is farther away than the surface by no more than this, mm: by the
 /// diagonal of a cell and the distance between vertices.
@@ -227,6 +280,22 @@ const CELLS_REACH_MM: f64 = 4.0;
 /// Edge of a square that each vertex would have for itself, mm.
 fn spacing_mm(mesh: &TriMesh) -> f64 {
     (mesh.area() / mesh.n_vertices() as f64).sqrt()
+}
+
+/// No place of a triangle is farther from the nearest corner than the longest edge over √3.
+fn reach_squared(mesh: &TriMesh) -> Vec<f64> {
+    let mut reach = vec![0.0; mesh.n_vertices()];
+    for face in mesh.faces() {
+        let [a, b, c] = face.map(|v| mesh.vertices()[v as usize]);
+        let longest = [a - b, b - c, c - a]
+            .iter()
+            .map(Vector3::norm_squared)
+            .fold(0.0, f64_max);
+        for &v in face {
+            reach[v as usize] = f64_max(reach[v as usize], longest / 3.0);
+        }
+    }
+    reach
 }
 
 /// The vertices that share an edge with each, as ranges of one list.
@@ -248,9 +317,9 @@ fn f64_max(a: f64, b: f64) -> f64 {
     if b > a { b } else { a }
 }
 
-impl ReferenceSurface for BoneSurface {
-    fn closest(&self, point: &Point3<f64>) -> SurfaceHit {
-        let (squared, q, normal) = self.closest_around(self.vertex_by_walk(point), point);
+impl BoneSurface {
+    fn hit_around(&self, vertex: u32, point: &Point3<f64>) -> SurfaceHit {
+        let (squared, q, normal) = self.closest_around(vertex, point);
         let normal = normal
             .try_normalize(f64::MIN_POSITIVE)
             .unwrap_or_else(Vector3::z);
@@ -262,49 +331,32 @@ impl ReferenceSurface for BoneSurface {
     }
 }
 
-fn combine(weights: &[f64; 3], values: &[Vector3<f64>; 3]) -> Vector3<f64> {
-    values[0] * weights[0] + values[1] * weights[1] + values[2] * weights[2]
-}
+impl ReferenceSurface for BoneSurface {
+    fn closest(&self, point: &Point3<f64>) -> SurfaceHit {
+        let vertex = match self.vertex_by_cells(point) {
+            Some((vertex, _)) => vertex,
+            None => self.nearest_vertex(point),
+        };
+        self.hit_around(vertex, point)
+    }
 
-/// Barycentric coordinates of the point of a triangle closest to `p`, by the Voronoi regions of
-/// its corners, edges and inside (Ericson, Real-Time Collision Detection, 2005, section 5.1.5).
-fn closest_barycentric(p: &Point3<f64>, [a, b, c]: &[Point3<f64>; 3]) -> [f64; 3] {
-    let (ab, ac, ap) = (b - a, c - a, p - a);
-    let (d1, d2) = (ab.dot(&ap), ac.dot(&ap));
-    if d1 <= 0.0 && d2 <= 0.0 {
-        return [1.0, 0.0, 0.0];
+    /// The same hit, without a look at the triangles where the nearest corner is too far away: a point at
+    /// distance d from triangles of reach ρ has a corner within √(d² + ρ²).
+    fn closest_within(&self, point: &Point3<f64>, max_distance_mm: f64) -> Option<SurfaceHit> {
+        let vertex = match self.vertex_by_cells(point) {
+            Some((vertex, squared)) => {
+                let reach = self.reach_squared[vertex as usize];
+                let beyond = max_distance_mm * max_distance_mm + reach;
+                if squared > beyond * (1.0 + ROUNDING) + ROUNDING {
+                    return None;
+                }
+                vertex
+            }
+            None if self.is_clearly_beyond(point, max_distance_mm) => return None,
+            None => self.nearest_vertex(point),
+        };
+        Some(self.hit_around(vertex, point)).filter(|hit| hit.distance_mm <= max_distance_mm)
     }
-    let bp = p - b;
-    let (d3, d4) = (ab.dot(&bp), ac.dot(&bp));
-    if d3 >= 0.0 && d4 <= d3 {
-        return [0.0, 1.0, 0.0];
-    }
-    let vc = d1 * d4 - d3 * d2;
-    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 && d1 - d3 > 0.0 {
-        let t = d1 / (d1 - d3);
-        return [1.0 - t, t, 0.0];
-    }
-    let cp = p - c;
-    let (d5, d6) = (ab.dot(&cp), ac.dot(&cp));
-    if d6 >= 0.0 && d5 <= d6 {
-        return [0.0, 0.0, 1.0];
-    }
-    let vb = d5 * d2 - d1 * d6;
-    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 && d2 - d6 > 0.0 {
-        let t = d2 / (d2 - d6);
-        return [1.0 - t, 0.0, t];
-    }
-    let va = d3 * d6 - d5 * d4;
-    let (e, f) = (d4 - d3, d5 - d6);
-    if va <= 0.0 && e >= 0.0 && f >= 0.0 && e + f > 0.0 {
-        let t = e / (e + f);
-        return [0.0, 1.0 - t, t];
-    }
-    let sum = va + vb + vc;
-    if sum <= 0.0 {
-        return [1.0, 0.0, 0.0];
-    }
-    [va / sum, vb / sum, vc / sum]
 }
 
 #[cfg(test)]
@@ -334,6 +386,15 @@ mod tests {
                 n += 1;
                 n_inexact += usize::from(excess > 1e-6);
                 worst = if excess > worst { excess } else { worst };
+                let hit = bone.closest(&p);
+                for within_mm in [0.5, 2.0] {
+                    let near = Some(hit).filter(|hit| hit.distance_mm <= within_mm);
+                    assert_eq!(
+                        bone.closest_within(&p, within_mm),
+                        near,
+                        "{p} within {within_mm} mm"
+                    );
+                }
             }
         }
         assert!(
@@ -344,32 +405,5 @@ mod tests {
             worst < 0.3,
             "a point is {worst} mm farther than the nearest triangle"
         );
-    }
-
-    #[test]
-    fn closest_point_of_a_triangle_in_every_region() {
-        let triangle = [
-            Point3::new(0.0, 0.0, 0.0),
-            Point3::new(2.0, 0.0, 0.0),
-            Point3::new(0.0, 2.0, 0.0),
-        ];
-        let cases = [
-            ([-1.0, -1.0, 1.0], [1.0, 0.0, 0.0]),
-            ([3.0, -0.5, 1.0], [0.0, 1.0, 0.0]),
-            ([-0.5, 3.0, 1.0], [0.0, 0.0, 1.0]),
-            ([1.0, -1.0, 1.0], [0.5, 0.5, 0.0]),
-            ([-1.0, 1.0, 1.0], [0.5, 0.0, 0.5]),
-            ([2.0, 2.0, 1.0], [0.0, 0.5, 0.5]),
-            ([0.5, 0.5, 1.0], [0.5, 0.25, 0.25]),
-        ];
-        for (p, expected) in cases {
-            let found = closest_barycentric(&Point3::from(p), &triangle);
-            for (x, y) in found.iter().zip(expected) {
-                assert!(
-                    (x - y).abs() < 1e-14,
-                    "{p:?}: {found:?} instead of {expected:?}"
-                );
-            }
-        }
     }
 }

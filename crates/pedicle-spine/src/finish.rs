@@ -8,7 +8,7 @@ use pedicle_registration::{
 use rayon::prelude::*;
 
 use crate::SpineError;
-use crate::bare_bone::BareBone;
+use crate::bare_bone::{BareBone, few_points_tell};
 use crate::bone::BoneSurface;
 use crate::free_space::FreeSpace;
 use crate::misfit::{Misfit, misfit};
@@ -28,6 +28,8 @@ const ROUNDS_BEFORE: usize = 2;
 /// Rounds before the last ones take so many steps at most: their points change.
 const LAST_ROUNDS: usize = 2;
 const EARLY_STEPS: usize = 6;
+/// Points of those rounds, of all bones, where there are normals to choose among them.
+const EARLY_POINTS: usize = 5000;
 /// The gate in standard deviations of the noise: farther points are not this vertebra's.
 const GATE_IN_SIGMA: f64 = 5.0;
 /// Smallest gate of the first round and bounds of the later ones, mm.
@@ -95,6 +97,11 @@ impl Sensor<'_> {
         (self.free_space.is_some() && noise_mm <= TELLS_TISSUE_MM).then_some(noise_mm)
     }
 
+    /// Whether a part of the points of a camera tells bone from tissue.
+    fn few_points_tell(&self) -> bool {
+        self.free_space.is_some() && self.noise_mm.is_some_and(few_points_tell)
+    }
+
     /// The noise that the sensor answers for: tissue taken for bone makes the residuals larger.
     fn believable_mm(&self, fitted_mm: f64) -> f64 {
         match self.noise_mm {
@@ -137,6 +144,18 @@ pub(crate) struct FinePoints {
     pub(crate) n_pieces: usize,
 }
 
+impl FinePoints {
+    /// The points of the rounds before the last ones where fewer give the same pose; else none.
+    fn early(&self, sensor: &Sensor<'_>) -> Option<Self> {
+        let stride = self.points.positions.len() / EARLY_POINTS;
+        (sensor.few_points_tell() && stride > 1).then(|| Self {
+            points: self.points.every(stride),
+            piece: self.piece.iter().step_by(stride).copied().collect(),
+            n_pieces: self.n_pieces,
+        })
+    }
+}
+
 /// Fits every vertebra to its points, starting from poses that are nearly right.
 pub(crate) fn finish(
     vertebrae: &[Vertebra],
@@ -153,11 +172,18 @@ pub(crate) fn finish(
         Some(_) => KNOWN_ROUNDS,
         None => ROUNDS,
     };
+    let early = target.early(sensor);
+    // Where every point is weighed afterwards, one round with all of them is enough.
+    let n_last = if early.is_some() { 1 } else { LAST_ROUNDS };
     for round in 0..n_rounds {
+        let is_early = round + n_last < n_rounds;
+        let target = match &early {
+            Some(early) if is_early => early,
+            _ => target,
+        };
         let mut owners = ScoreTable::new(&bones, &poses, &target.points, gate_mm).owners();
         settle_pieces(&mut owners, target, vertebrae.len());
         lists = points_of(&owners, vertebrae.len());
-        let is_early = round + LAST_ROUNDS < n_rounds;
         let options = RefineOptions {
             max_distance_mm: gate_mm,
             start_distance_mm: None,
@@ -377,46 +403,65 @@ impl Explained {
         (noise_mm, sensor): (f64, &Sensor<'_>),
     ) -> Self {
         let limit_mm = EXPLAINED_FLOOR_MM + EXPLAINED_IN_SIGMA * noise_mm;
+        let inverses: Vec<Isometry3<f64>> = poses.iter().map(Isometry3::inverse).collect();
+        // The nearest vertebra of every point, how far it is, and whether the point may hide it.
+        let nearest: Vec<(f64, Option<usize>, bool)> = points
+            .positions
+            .par_iter()
+            .enumerate()
+            .map(|(p, point)| {
+                let mut nearest = (NEAR_MM, None, false);
+                // Those beside the nearest one are soon out of reach.
+                let mut order: Vec<(f64, usize, Point3<f64>)> = bones
+                    .iter()
+                    .zip(&inverses)
+                    .enumerate()
+                    .map(|(v, (bone, inverse))| {
+                        let local = inverse * point;
+                        let least = (local - bone.centroid()).norm() - bone.radius_mm();
+                        (least, v, local)
+                    })
+                    .filter(|(least, ..)| *least <= NEAR_MM)
+                    .collect();
+                order.sort_by(|a, b| a.0.total_cmp(&b.0));
+                for (least, v, local) in order {
+                    if least > nearest.0 {
+                        break;
+                    }
+                    let bone = bones[v];
+                    let hit = bone.closest_within(&local, nearest.0);
+                    if let Some(hit) = hit.filter(|hit| hit.distance_mm < nearest.0) {
+                        let hides_bone = sensor.free_space.is_some_and(|free_space| {
+                            let offset = poses[v].rotation * (local - hit.point);
+                            offset.dot(&free_space.towards_camera(point)) > 0.0
+                                || !points.agrees_in(p, &poses[v], &hit.normal)
+                        });
+                        nearest = (hit.distance_mm, Some(v), hides_bone);
+                    }
+                }
+                nearest
+            })
+            .collect();
         let mut counts = Self {
             n_near: vec![0; bones.len()],
             n_explained: vec![0; bones.len()],
             n_hiding: vec![0; bones.len()],
-            n_points: 0,
+            n_points: points.positions.len(),
         };
-        counts.n_points = points.positions.len();
-        let inverses: Vec<Isometry3<f64>> = poses.iter().map(Isometry3::inverse).collect();
-        for (p, point) in points.positions.iter().enumerate() {
-            let mut nearest = (NEAR_MM, None);
-            let mut hides_bone = false;
-            for (v, (bone, inverse)) in bones.iter().zip(&inverses).enumerate() {
-                let local = inverse * point;
-                if (local - bone.centroid()).norm() > bone.radius_mm() + nearest.0 {
-                    continue;
-                }
-                let hit = bone.closest(&local);
-                if hit.distance_mm < nearest.0 {
-                    nearest = (hit.distance_mm, Some(v));
-                    hides_bone = sensor.free_space.is_some_and(|free_space| {
-                        let offset = poses[v].rotation * (local - hit.point);
-                        offset.dot(&free_space.towards_camera(point)) > 0.0
-                            || !points.agrees_in(p, &poses[v], &hit.normal)
-                    });
-                }
-            }
-            if nearest.1.is_none() && sensor.free_space.is_some() {
+        for (distance, vertebra, hides_bone) in nearest {
+            let Some(v) = vertebra else {
+                counts.n_points -= usize::from(sensor.free_space.is_some());
+                continue;
+            };
+            let is_explained = distance <= limit_mm;
+            // Between the camera and the bone may be soft tissue: that contradicts nothing.
+            if hides_bone && !is_explained {
+                counts.n_hiding[v] += usize::from(distance <= CLOSE_MM);
                 counts.n_points -= 1;
+                continue;
             }
-            if let (distance, Some(v)) = nearest {
-                let is_explained = distance <= limit_mm;
-                // Between the camera and the bone may be soft tissue: that contradicts nothing.
-                if hides_bone && !is_explained {
-                    counts.n_hiding[v] += usize::from(distance <= CLOSE_MM);
-                    counts.n_points -= 1;
-                    continue;
-                }
-                counts.n_near[v] += 1;
-                counts.n_explained[v] += usize::from(is_explained);
-            }
+            counts.n_near[v] += 1;
+            counts.n_explained[v] += usize::from(is_explained);
         }
         counts
     }

@@ -48,6 +48,7 @@
 mod bare_bone;
 mod bone;
 mod chain;
+mod closest_on_triangle;
 mod conclusion;
 mod error;
 mod finish;
@@ -61,6 +62,7 @@ mod model;
 mod nearby;
 mod nearest_cells;
 mod noise_offset;
+mod nearest_vertices;
 mod options;
 mod points;
 mod prepare;

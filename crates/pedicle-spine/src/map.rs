@@ -9,7 +9,8 @@ use pedicle_descriptors::{
     normalize_columns, wave_kernel_from_landmark, wave_kernel_signature,
 };
 use pedicle_fmap::{
-    FitOptions, FunctionalMap, bcicp, coverage, fit, functional_from_point_map, zoomout,
+    FitOptions, FunctionalMap, PointMapPair, bcicp_from_point_maps, coverage, fit,
+    functional_from_point_map, point_map_from_adjoint, zoomout,
 };
 use pedicle_mesh::TriMesh;
 use pedicle_registration::{MsacOptions, msac};
@@ -131,10 +132,16 @@ pub(crate) fn map_poses(
         &first.map,
         &model.map_options.zoomout,
     )?;
-    let refined = bcicp(
+    // One of the two point maps that BCICP begins with is there already.
+    let adjoint = zoomed.map.adjoint();
+    let point_maps = PointMapPair {
+        source_to_target: point_map_from_adjoint(&target.basis, &source.shape.basis, &adjoint)?,
+        target_to_source: zoomed.point_map,
+    };
+    let refined = bcicp_from_point_maps(
         &source_shape,
         &target_shape,
-        &zoomed.map,
+        &point_maps,
         &model.map_options.bcicp,
     )?;
     let point_map = &refined.target_to_source;

@@ -79,6 +79,26 @@ impl PointSet {
         }
     }
 
+    /// Every n-th point, with what is left of the patches.
+    pub(crate) fn every(&self, stride: usize) -> Self {
+        let place = |p: u32| {
+            (p as usize)
+                .is_multiple_of(stride)
+                .then_some(p / stride as u32)
+        };
+        Self {
+            positions: self.positions.iter().step_by(stride).copied().collect(),
+            normals: self.normals.iter().step_by(stride).copied().collect(),
+            is_oriented: self.is_oriented,
+            patches: self
+                .patches
+                .iter()
+                .step_by(stride)
+                .map(|patch| patch.iter().filter_map(|&p| place(p)).collect())
+                .collect(),
+        }
+    }
+
     /// Some of the points, in their order.
     pub(crate) fn thinned_out(&self, n: usize, rng: &mut ChaCha8Rng) -> Self {
         if self.positions.len() <= n {
@@ -97,5 +117,31 @@ impl PointSet {
             is_oriented: self.is_oriented,
             patches: Vec::new(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_third_point_keeps_what_is_left_of_its_patch() {
+        let all = PointSet {
+            positions: (0..8)
+                .map(|i| Point3::new(f64::from(i), 0.0, 0.0))
+                .collect(),
+            normals: vec![Vector3::z(); 8],
+            is_oriented: true,
+            patches: (0..8).map(|i| vec![i, (i + 1) % 8, (i + 3) % 8]).collect(),
+        };
+        let few = all.every(3);
+        let x: Vec<f64> = few.positions.iter().map(|p| p.x).collect();
+        assert_eq!(x, [0.0, 3.0, 6.0], "places");
+        assert_eq!(few.normals.len(), 3, "normals");
+        assert_eq!(
+            few.patches,
+            [vec![0, 1], vec![1, 2], vec![2]],
+            "patches by the new places"
+        );
     }
 }

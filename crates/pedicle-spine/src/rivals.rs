@@ -9,10 +9,10 @@
 //! points and such a pose does not.
 
 use nalgebra::{Isometry3, Point3};
-use pedicle_registration::{ReferenceSurface, RefineOptions, refine_on_surface};
+use pedicle_registration::{ReferenceSurface, RefineOptions, pose_error, refine_on_surface};
 use rayon::prelude::*;
 
-use crate::bare_bone::BareBone;
+use crate::bare_bone::{BareBone, few_points_tell};
 use crate::bone::BoneSurface;
 use crate::finish::{FinePoints, Sensor};
 use crate::model::Vertebra;
@@ -25,6 +25,11 @@ const GATES_MM: [f64; 4] = [6.0, 4.0, 3.0, 2.5];
 const STEPS: usize = 5;
 /// Points of a fit.
 const FIT_POINTS: usize = 900;
+/// Points near a bone that the fits before the last one choose from where the noise is small: a pose that is
+/// off by millimetres needs no more to get nearer.
+const EARLY_POINTS: usize = 1000;
+/// Poses no farther apart than this lead to the same, mm and rad.
+const SAME: (f64, f64) = (1.0, 0.03);
 /// A point explained counts down to this many standard deviations.
 const COUNTED_IN_SIGMA: f64 = 3.0;
 /// A rival wins if it explains this share more.
@@ -65,11 +70,12 @@ impl<'a> Rivals<'a> {
                 let claimable: Vec<u32> = (0..owners.len() as u32)
                     .filter(|&p| [v as u8, UNASSIGNED].contains(&owners[p as usize]))
                     .collect();
-                std::iter::once(&poses[v])
-                    .chain(found.alternatives[v].iter().map(|(_, pose)| pose))
-                    .collect::<Vec<_>>()
-                    .into_par_iter()
-                    .map(|start| self.fitted(v, &claimable, start))
+                let kept = self.fitted((v, &claimable), &poses[v], None);
+                let rivals = found.alternatives[v]
+                    .par_iter()
+                    .map(|(_, start)| self.fitted((v, &claimable), start, Some(&kept)));
+                std::iter::once(kept)
+                    .chain(rivals.collect::<Vec<_>>())
                     .collect()
             })
             .collect();
@@ -101,15 +107,35 @@ impl<'a> Rivals<'a> {
         found
     }
 
-    /// A pose fitted to the points that are bare under it, and what it explains of them.
-    fn fitted(&self, v: usize, claimable: &[u32], start: &Isometry3<f64>) -> (Isometry3<f64>, f64) {
+    /// A pose fitted to the points that are bare under it, and what it explains of them. A rival that the
+    /// first fits lead to the pose kept is no other.
+    fn fitted(
+        &self,
+        (v, claimable): (usize, &[u32]),
+        start: &Isometry3<f64>,
+        kept: Option<&(Isometry3<f64>, f64)>,
+    ) -> (Isometry3<f64>, f64) {
         let vertebra = &self.vertebrae[v];
         let points = &self.target.points;
         let mut pose = *start;
         let last_mm = self.sensor.gate_mm(self.noise_mm);
+        let n_near = self.within_reach(v, claimable, &pose, GATES_MM[0]).len();
+        let may_be_few = few_points_tell(self.noise_mm);
+        let stride = if may_be_few {
+            n_near.div_ceil(EARLY_POINTS).max(1)
+        } else {
+            1
+        };
+        let early: Vec<u32> = claimable.iter().step_by(stride).copied().collect();
         for (round, &gate_mm) in GATES_MM.iter().enumerate() {
             let gate_mm = if gate_mm > last_mm { gate_mm } else { last_mm };
-            let own = self.bare(v, claimable, &pose, (gate_mm, round));
+            let is_last = round + 1 == GATES_MM.len();
+            let kept = kept.filter(|_| may_be_few && is_last);
+            if let Some(kept) = kept.filter(|kept| self.is_same(v, &pose, &kept.0)) {
+                return *kept;
+            }
+            let from = if is_last { claimable } else { &early };
+            let own = self.bare(v, from, &pose, (gate_mm, round));
             let stride = own.len().div_ceil(FIT_POINTS).max(1);
             let few: Vec<Point3<f64>> = own
                 .iter()
@@ -146,6 +172,32 @@ impl<'a> Rivals<'a> {
         (pose, explained - through * points.positions.len() as f64)
     }
 
+    fn is_same(&self, v: usize, a: &Isometry3<f64>, b: &Isometry3<f64>) -> bool {
+        let apart = pose_error(a, b, &self.vertebrae[v].bone.centroid());
+        apart.translation_mm <= SAME.0 && apart.rotation_rad <= SAME.1
+    }
+
+    /// The points that may lie within a gate.
+    fn within_reach(
+        &self,
+        v: usize,
+        claimable: &[u32],
+        pose: &Isometry3<f64>,
+        gate_mm: f64,
+    ) -> Vec<u32> {
+        let bone = &self.vertebrae[v].bone;
+        let inverse = pose.inverse();
+        let reach = bone.radius_mm() + gate_mm;
+        claimable
+            .iter()
+            .copied()
+            .filter(|&p| {
+                let local = inverse * self.target.points.positions[p as usize];
+                (local - bone.centroid()).norm() <= reach
+            })
+            .collect()
+    }
+
     /// The points within a gate that are bare.
     fn bare(
         &self,
@@ -154,25 +206,15 @@ impl<'a> Rivals<'a> {
         pose: &Isometry3<f64>,
         (gate_mm, round): (f64, usize),
     ) -> Vec<u32> {
-        let bone = &self.vertebrae[v].bone;
-        let points = &self.target.points;
-        let inverse = pose.inverse();
-        let reach = bone.radius_mm() + gate_mm;
-        let mut own: Vec<u32> = claimable
-            .iter()
-            .copied()
-            .filter(|&p| {
-                let local = inverse * points.positions[p as usize];
-                (local - bone.centroid()).norm() <= reach
-            })
-            .collect();
+        let mut own = self.within_reach(v, claimable, pose, gate_mm);
         let bare = BareBone {
             noise_mm: Some(self.noise_mm),
             is_from_camera: true,
             gate_mm,
             round,
         };
-        bare.retain(&mut own, bone, pose, points);
+        let bone = &self.vertebrae[v].bone;
+        bare.retain(&mut own, bone, pose, &self.target.points);
         own
     }
 }

@@ -11,6 +11,7 @@
 
 use nalgebra::Isometry3;
 use pedicle_registration::ReferenceSurface;
+use rayon::prelude::*;
 
 use crate::bone::BoneSurface;
 use crate::points::PointSet;
@@ -20,6 +21,9 @@ pub(crate) type Poses = Vec<Isometry3<f64>>;
 
 /// Points of no vertebra.
 pub(crate) const UNASSIGNED: u8 = u8::MAX;
+
+/// Points that are worth a task of their own.
+pub(crate) const MIN_POINTS_A_TASK: usize = 1000;
 
 /// Squared scores of every point for every vertebra.
 #[derive(Debug, Clone)]
@@ -37,7 +41,7 @@ impl ScoreTable {
         truncation_mm: f64,
     ) -> Self {
         let columns = bones
-            .iter()
+            .par_iter()
             .zip(poses)
             .map(|(bone, pose)| score_column(bone, pose, points, truncation_mm))
             .collect();
@@ -128,14 +132,17 @@ fn score_column(
     let reach_squared = reach * reach;
     points
         .positions
-        .iter()
+        .par_iter()
+        .with_min_len(MIN_POINTS_A_TASK)
         .enumerate()
         .map(|(i, p)| {
             let local = source_from_target * p;
             if (local - bone.centroid()).norm_squared() > reach_squared {
                 return 0.0;
             }
-            let hit = bone.closest(&local);
+            let Some(hit) = bone.closest_within(&local, truncation_mm) else {
+                return 0.0;
+            };
             if !points.agrees_in(i, pose, &hit.normal) {
                 return 0.0;
             }

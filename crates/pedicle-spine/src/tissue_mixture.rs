@@ -18,10 +18,11 @@
 
 use nalgebra::{Isometry3, Matrix6, Point3, Translation3, UnitQuaternion, Vector3, Vector6};
 use pedicle_registration::{PoseCovariance, ReferenceSurface, pose_difference};
+use rayon::prelude::*;
 
 use crate::bone::BoneSurface;
 use crate::points::PointSet;
-use crate::scoring::UNASSIGNED;
+use crate::scoring::{MIN_POINTS_A_TASK, UNASSIGNED};
 use crate::uncertainty::{density, lower_tail};
 
 /// Tissue thicker than this lies elsewhere, mm.
@@ -86,6 +87,8 @@ pub(crate) fn among_tissue(
     let inverse = pose.inverse();
     let reach_mm = THICKEST_MM + REACH_IN_SIGMA * sensor_mm;
     let own: Vec<u32> = (0..owners.len() as u32)
+        .into_par_iter()
+        .with_min_len(MIN_POINTS_A_TASK)
         .filter(|&p| [v, UNASSIGNED].contains(&owners[p as usize]))
         .filter(|&p| {
             let local = inverse * points.positions[p as usize];
@@ -224,7 +227,8 @@ impl TissueMixture<'_> {
         let center = pose * self.bone.centroid();
         let reach_mm = THICKEST_MM + REACH_IN_SIGMA * self.sensor_mm;
         self.own
-            .iter()
+            .par_iter()
+            .with_min_len(MIN_POINTS_A_TASK)
             .map(|&p| {
                 let point = self.points.positions[p as usize];
                 let local = inverse * point;

@@ -201,11 +201,14 @@ impl SpineTracker<'_> {
                     self.model.vertebrae.iter().zip(&inverses).enumerate()
                 {
                     let local = inverse * p;
-                    if vertebra.bone.is_about(&local, nearest.0) {
-                        let distance_mm = vertebra.bone.closest(&local).distance_mm;
-                        if distance_mm < nearest.0 {
-                            nearest = (distance_mm, Some(v));
+                    if !vertebra.bone.is_about(&local, nearest.0) {
+                        continue;
+                    }
+                    match vertebra.bone.closest_within(&local, nearest.0) {
+                        Some(hit) if hit.distance_mm < nearest.0 => {
+                            nearest = (hit.distance_mm, Some(v));
                         }
+                        _ => {}
                     }
                 }
                 nearest.1

@@ -51,8 +51,8 @@ impl<'a> PosedSpine<'a> {
             if (local - bone.centroid()).norm() > bone.radius_mm() + limit {
                 continue;
             }
-            let hit = bone.closest(&local);
-            if hit.distance_mm < limit {
+            let hit = bone.closest_within(&local, limit);
+            if let Some(hit) = hit.filter(|hit| hit.distance_mm < limit) {
                 best = Some((v, hit));
             }
         }

@@ -11,6 +11,8 @@
 //! deviations, z₂ to the nearest one on the other side: a screw in the middle of a narrow pedicle may
 //! breach either. Lengths in mm.
 
+use std::sync::{Arc, Mutex, PoisonError};
+
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Unit, Vector3};
 use pedicle_mesh::{SurfaceIndex, TriMesh};
 use pedicle_registration::PoseCovariance;
@@ -29,6 +31,9 @@ const N_DIRECTIONS: usize = 24;
 const STATION_MM: f64 = 3.0;
 /// Cortex farther from the axis does not matter, mm.
 const REACH_MM: f64 = 20.0;
+
+/// Rooms that a vertebra remembers.
+const MAX_ROOMS: usize = 8;
 
 /// How far a screw may be from where it was carried to.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -52,7 +57,12 @@ pub(crate) struct Anatomy {
     surface: SurfaceIndex,
     /// Left, right; none where it could not be measured.
     pedicles: [Option<Pedicle>; 2],
+    /// Rooms around the last screws asked for: every target asks for the same ones.
+    rooms: Mutex<Vec<(Trajectory, SharedRoom)>>,
 }
+
+/// None where the pedicle of the screw could not be measured.
+type SharedRoom = Arc<Option<Room>>;
 
 impl std::fmt::Debug for Anatomy {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -72,6 +82,7 @@ impl Anatomy {
         Some(Self {
             surface: index,
             pedicles,
+            rooms: Mutex::default(),
         })
     }
 
@@ -83,8 +94,22 @@ impl Anatomy {
         &self.surface
     }
 
-    /// Room around a planned screw. None where its pedicle could not be measured.
-    fn room(&self, planned: &Trajectory, frame: &AnatomicalFrame) -> Option<Room> {
+    /// Room around a planned screw, measured when it is first asked for.
+    fn room(&self, planned: &Trajectory, frame: &AnatomicalFrame) -> SharedRoom {
+        let lock = || self.rooms.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, room)) = lock().iter().find(|(known, _)| known == planned) {
+            return Arc::clone(room);
+        }
+        let room = Arc::new(self.measured_room(planned, frame));
+        let mut rooms = lock();
+        if rooms.len() >= MAX_ROOMS {
+            rooms.remove(0);
+        }
+        rooms.push((*planned, Arc::clone(&room)));
+        room
+    }
+
+    fn measured_room(&self, planned: &Trajectory, frame: &AnatomicalFrame) -> Option<Room> {
         let pedicle = self.pedicles[planned.side as usize].as_ref()?;
         let options = CheckOptions {
             station_spacing_mm: STATION_MM,
@@ -187,17 +212,16 @@ pub(crate) fn uncertainty(
     covariance: &PoseCovariance,
     (anatomy, frame): (Option<&Anatomy>, &AnatomicalFrame),
 ) -> TrajectoryUncertainty {
-    let room = anatomy.and_then(|anatomy| anatomy.room(planned, frame));
-    let depth_mm = room
-        .as_ref()
-        .map_or(ISTHMUS_DEPTH_MM, |room| room.isthmus_depth_mm);
+    let shared = anatomy.map(|anatomy| anatomy.room(planned, frame));
+    let room = shared.as_deref().and_then(Option::as_ref);
+    let depth_mm = room.map_or(ISTHMUS_DEPTH_MM, |room| room.isthmus_depth_mm);
     let isthmus = pose * (planned.entry_mm + planned.direction() * depth_mm);
     let worst_at = |p| worst_deviation(&covariance.point_covariance(p));
     TrajectoryUncertainty {
         entry_mm: worst_at(&(pose * planned.entry_mm)),
         isthmus_mm: worst_at(&isthmus),
         tip_mm: worst_at(&(pose * planned.tip_mm)),
-        planned_clearance_mm: room.as_ref().map_or(f64::NAN, |room| room.clearance_mm),
+        planned_clearance_mm: room.map_or(f64::NAN, |room| room.clearance_mm),
         breach_probability: room.map_or(f64::NAN, |room| room.breach_probability(pose, covariance)),
     }
 }
