@@ -114,22 +114,25 @@ impl BoneSurface {
     /// Points spread evenly over the area: one in the middle of every stretch of the faces' running area, at
     /// the centre of the face there.
     pub(crate) fn spread_points(&self, n: usize) -> Vec<Point3<f64>> {
-        let corners = |face: &[u32; 3]| face.map(|v| self.vertices[v as usize]);
-        let areas: Vec<f64> = self
-            .faces
-            .iter()
+        // Every face stands with its three corners; the first one counts.
+        let faces = (0..self.vertices.len()).flat_map(|v| {
+            let range = self.faces_start[v] as usize..self.faces_start[v + 1] as usize;
+            let around = self.faces_of_vertex[range].iter();
+            around.filter(move |face| face[0] as usize == v)
+        });
+        let triangles: Vec<(f64, [Point3<f64>; 3])> = faces
             .map(|face| {
-                let [a, b, c] = corners(face);
-                0.5 * (b - a).cross(&(c - a)).norm()
+                let [a, b, c] = face.map(|v| self.vertices[v as usize]);
+                (0.5 * (b - a).cross(&(c - a)).norm(), [a, b, c])
             })
             .collect();
-        let step = areas.iter().sum::<f64>() / n.max(1) as f64;
+        let area_mm2: f64 = triangles.iter().map(|(area, _)| area).sum();
+        let step = area_mm2 / n.max(1) as f64;
         let mut points = Vec::with_capacity(n);
         let (mut behind, mut next) = (0.0, 0.5 * step);
-        for (face, area) in self.faces.iter().zip(areas) {
+        for (area, [a, b, c]) in triangles {
             behind += area;
             while next < behind && points.len() < n {
-                let [a, b, c] = corners(face);
                 points.push(Point3::from((a.coords + b.coords + c.coords) / 3.0));
                 next += step;
             }

@@ -2,14 +2,14 @@
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::{Isometry3, Point3};
-use pedicle_registration::{
-    PoseCovariance, ReferenceSurface, RefineOptions, Refinement, refine_on_surface,
-};
+use pedicle_registration::{PoseCovariance, RefineOptions, Refinement, refine_on_surface};
 use rayon::prelude::*;
 
 use crate::SpineError;
 use crate::bare_bone::{BareBone, few_points_tell};
 use crate::bone::BoneSurface;
+use crate::enlarged::enlarged;
+use crate::explained::Explained;
 use crate::free_space::FreeSpace;
 use crate::misfit::{Misfit, misfit};
 use crate::model::Vertebra;
@@ -38,15 +38,6 @@ const GATE_MM: (f64, f64) = (4.0, 10.0);
 /// the bone is then told apart.
 const KNOWN_GATE_IN_SIGMA: f64 = 4.5;
 const KNOWN_GATE_MM: (f64, f64) = (1.2, 10.0);
-/// A point counts as explained within this many standard deviations of the noise, and this much
-/// more: surfaces of different triangulation do not coincide.
-pub(crate) const EXPLAINED_IN_SIGMA: f64 = 3.0;
-/// The same, mm.
-pub(crate) const EXPLAINED_FLOOR_MM: f64 = 0.5;
-/// Points farther than this from every vertebra belong to none, mm.
-const NEAR_MM: f64 = 20.0;
-/// Points in front of the bone by less than this are close to it, mm: most soft tissue is thicker.
-pub(crate) const CLOSE_MM: f64 = 5.0;
 /// A loose piece belongs to one vertebra if this share of its points does.
 const PIECE_MAJORITY: f64 = 0.9;
 
@@ -87,14 +78,19 @@ pub(crate) struct Sensor<'a> {
 const SENSOR_TO_SURFACE: f64 = 1.15;
 
 /// Up to this noise of a camera patches of its points tell bone from tissue, mm: there the normalised error
-/// squared over 6 was 0.5 to 1.0, above it 3 with values of 10 to 17.
+/// squared over 6 is 0.5 to 1.0.
 pub(crate) const TELLS_TISSUE_MM: f64 = 1.0;
+/// Up to this noise they tell it less well, mm: points are weighed only where tissue is seen close to the bone, and the
+/// noise is that of the fit before, for weights can make a wrong pose look quiet.
+pub(crate) const WEIGHS_TISSUE_MM: f64 = 1.5;
+/// From this share of the points close to the bone on tissue is seen there.
+const LEAST_TISSUE_SHARE: f64 = 0.025;
 
 impl Sensor<'_> {
-    /// The noise of a camera that tells bone from tissue.
+    /// The noise of a camera whose points are weighed by what they probably are.
     fn noise_to_tell_tissue_mm(&self) -> Option<f64> {
         let noise_mm = self.noise_mm?;
-        (self.free_space.is_some() && noise_mm <= TELLS_TISSUE_MM).then_some(noise_mm)
+        (self.free_space.is_some() && noise_mm <= WEIGHS_TISSUE_MM).then_some(noise_mm)
     }
 
     /// Whether a part of the points of a camera tells bone from tissue.
@@ -221,34 +217,8 @@ pub(crate) fn finish(
     }
 
     if let Some(sensor_mm) = sensor.noise_to_tell_tissue_mm() {
-        let owners = ScoreTable::new(&bones, &poses, &target.points, gate_mm).owners();
-        let found: Vec<Option<AmongTissue>> = (0..vertebrae.len())
-            .into_par_iter()
-            .map(|v| {
-                refinements[v].as_ref()?;
-                among_tissue(
-                    &vertebrae[v].bone,
-                    v as u8,
-                    &owners,
-                    &poses[v],
-                    (&target.points, sensor_mm),
-                )
-            })
-            .collect();
-        for (v, found) in found.into_iter().enumerate() {
-            // Where bare bone does not fix the pose, there is no fit: its covariance would not know.
-            let Some(found) = found else {
-                refinements[v] = None;
-                continue;
-            };
-            poses[v] = found.target_from_source;
-            lists[v] = found.bare;
-            if let Some(refinement) = refinements[v].as_mut() {
-                refinement.target_from_source = found.target_from_source;
-                refinement.noise_mm = found.noise_mm;
-                refinement.covariance = found.covariance;
-            }
-        }
+        let fits = (&mut refinements[..], &mut poses[..], &mut lists[..]);
+        weigh_tissue(vertebrae, target, (sensor, sensor_mm, gate_mm), fits);
     }
 
     let noise_mm = median_noise(&refinements);
@@ -292,7 +262,7 @@ pub(crate) fn finish(
                     enlarged(
                         &fit.covariance.about(&centroid),
                         (noise_mm, explained.hidden_share(v)),
-                        sensor,
+                        (sensor, sensor.noise_to_tell_tissue_mm().is_some()),
                         &misfit,
                     )
                 }),
@@ -323,49 +293,58 @@ pub(crate) fn finish(
     })
 }
 
-/// First-order covariances are too small on noisy targets, by about this much per millimetre of
-/// noise. With it the normalised error squared over 6 was 0.83 to 1.19 on meshes at 0.5 to 2 mm.
-const INFLATION_PER_MM: f64 = 0.12;
-
-/// A camera errs along its rays and more at small angles: errors of valid poses were this much larger
-/// than their covariances said.
-const INFLATION_OF_CAMERA: f64 = 1.15;
-/// Where soft tissue is seen close to the bone and the noise is too large to tell it apart, some is taken for
-/// bone: errors were two to three times as large again. From this share of the points close to the bone on
-/// in full.
-const TISSUE_SHARE: f64 = 0.05;
-/// What it adds to the factor.
-const INFLATION_OF_TISSUE: f64 = 2.0;
-
-/// By how much the errors of a camera exceed those of the first order.
-fn inflation_of_camera(noise_mm: f64, hidden_share: f64) -> f64 {
-    if noise_mm <= TELLS_TISSUE_MM {
-        return INFLATION_OF_CAMERA;
-    }
-    let tissue = (hidden_share / TISSUE_SHARE).clamp(0.0, 1.0);
-    INFLATION_OF_CAMERA * (1.0 + INFLATION_OF_TISSUE * tissue)
-}
-
-/// The covariance with what the first order and independent residuals leave out.
-pub(crate) fn enlarged(
-    covariance: &PoseCovariance,
-    (noise_mm, hidden_share): (f64, f64),
-    sensor: &Sensor<'_>,
-    misfit: &Misfit,
-) -> PoseCovariance {
-    let factor = 1.0 + INFLATION_PER_MM * noise_mm;
-    // What noise does through the curvature is in the first factor already, but for a camera it does
-    // more.
-    let (factor, grown) = match sensor.noise_mm {
-        Some(sensor_mm) => (
-            inflation_of_camera(sensor_mm, hidden_share) * factor,
-            misfit.inflation(0.0),
-        ),
-        None => (factor, misfit.inflation(misfit.by_noise_mm2)),
+/// Fits anew to points weighed by what they probably are: refinements, poses and the points on bone.
+fn weigh_tissue(
+    vertebrae: &[Vertebra],
+    target: &FinePoints,
+    (sensor, sensor_mm, gate_mm): (&Sensor<'_>, f64, f64),
+    (refinements, poses, lists): (
+        &mut [Option<Refinement>],
+        &mut [Isometry3<f64>],
+        &mut [Vec<u32>],
+    ),
+) {
+    let bones: Vec<&BoneSurface> = vertebrae.iter().map(|v| &v.bone).collect();
+    let tells = sensor_mm <= TELLS_TISSUE_MM;
+    let seen = (!tells).then(|| {
+        let noise_mm = median_noise(refinements);
+        Explained::count(&bones, poses, &target.points, (noise_mm, sensor))
+    });
+    let is_weighed = |v: usize| {
+        seen.as_ref()
+            .is_none_or(|seen| seen.hidden_share(v) >= LEAST_TISSUE_SHARE)
     };
-    PoseCovariance {
-        matrix: covariance.matrix * (factor * factor * grown),
-        center: covariance.center,
+    let owners = ScoreTable::new(&bones, poses, &target.points, gate_mm).owners();
+    let found: Vec<Option<Option<AmongTissue>>> = (0..vertebrae.len())
+        .into_par_iter()
+        .map(|v| {
+            refinements[v].as_ref().filter(|_| is_weighed(v))?;
+            let points = (&target.points, sensor_mm);
+            Some(among_tissue(
+                &vertebrae[v].bone,
+                v as u8,
+                &owners,
+                &poses[v],
+                points,
+            ))
+        })
+        .collect();
+    for (v, found) in found.into_iter().enumerate() {
+        let Some(found) = found else { continue };
+        // Where bare bone does not fix the pose, there is no fit: its covariance would not know.
+        let Some(found) = found else {
+            refinements[v] = None;
+            continue;
+        };
+        poses[v] = found.target_from_source;
+        lists[v] = found.bare;
+        if let Some(refinement) = refinements[v].as_mut() {
+            refinement.target_from_source = found.target_from_source;
+            refinement.covariance = found.covariance;
+            if tells {
+                refinement.noise_mm = found.noise_mm;
+            }
+        }
     }
 }
 
@@ -381,113 +360,6 @@ fn median_noise(refinements: &[Option<Refinement>]) -> f64 {
         .collect();
     noise.sort_by(f64::total_cmp);
     noise.get(noise.len() / 2).copied().unwrap_or(f64::NAN)
-}
-
-/// Which target points lie on the vertebra nearest to them.
-struct Explained {
-    n_near: Vec<usize>,
-    n_explained: Vec<usize>,
-    /// Points a little in front of the bone.
-    n_hiding: Vec<usize>,
-    n_points: usize,
-}
-
-impl Explained {
-    /// A point belongs to the vertebra nearest to it, however far; it is explained within three
-    /// standard deviations of the noise of the whole target. Where a camera looked, points in front
-    /// of the bone, across it or far from all bone do not count: they may be soft tissue.
-    fn count(
-        bones: &[&BoneSurface],
-        poses: &[Isometry3<f64>],
-        points: &PointSet,
-        (noise_mm, sensor): (f64, &Sensor<'_>),
-    ) -> Self {
-        let limit_mm = EXPLAINED_FLOOR_MM + EXPLAINED_IN_SIGMA * noise_mm;
-        let inverses: Vec<Isometry3<f64>> = poses.iter().map(Isometry3::inverse).collect();
-        // The nearest vertebra of every point, how far it is, and whether the point may hide it.
-        let nearest: Vec<(f64, Option<usize>, bool)> = points
-            .positions
-            .par_iter()
-            .enumerate()
-            .map(|(p, point)| {
-                let mut nearest = (NEAR_MM, None, false);
-                // Those beside the nearest one are soon out of reach.
-                let mut order: Vec<(f64, usize, Point3<f64>)> = bones
-                    .iter()
-                    .zip(&inverses)
-                    .enumerate()
-                    .map(|(v, (bone, inverse))| {
-                        let local = inverse * point;
-                        let least = (local - bone.centroid()).norm() - bone.radius_mm();
-                        (least, v, local)
-                    })
-                    .filter(|(least, ..)| *least <= NEAR_MM)
-                    .collect();
-                order.sort_by(|a, b| a.0.total_cmp(&b.0));
-                for (least, v, local) in order {
-                    if least > nearest.0 {
-                        break;
-                    }
-                    let bone = bones[v];
-                    let hit = bone.closest_within(&local, nearest.0);
-                    if let Some(hit) = hit.filter(|hit| hit.distance_mm < nearest.0) {
-                        let hides_bone = sensor.free_space.is_some_and(|free_space| {
-                            let offset = poses[v].rotation * (local - hit.point);
-                            offset.dot(&free_space.towards_camera(point)) > 0.0
-                                || !points.agrees_in(p, &poses[v], &hit.normal)
-                        });
-                        nearest = (hit.distance_mm, Some(v), hides_bone);
-                    }
-                }
-                nearest
-            })
-            .collect();
-        let mut counts = Self {
-            n_near: vec![0; bones.len()],
-            n_explained: vec![0; bones.len()],
-            n_hiding: vec![0; bones.len()],
-            n_points: points.positions.len(),
-        };
-        for (distance, vertebra, hides_bone) in nearest {
-            let Some(v) = vertebra else {
-                counts.n_points -= usize::from(sensor.free_space.is_some());
-                continue;
-            };
-            let is_explained = distance <= limit_mm;
-            // Between the camera and the bone may be soft tissue: that contradicts nothing.
-            if hides_bone && !is_explained {
-                counts.n_hiding[v] += usize::from(distance <= CLOSE_MM);
-                counts.n_points -= 1;
-                continue;
-            }
-            counts.n_near[v] += 1;
-            counts.n_explained[v] += usize::from(is_explained);
-        }
-        counts
-    }
-
-    /// Of the points close to a vertebra those in front of it.
-    fn hidden_share(&self, v: usize) -> f64 {
-        let all = self.n_hiding[v] + self.n_explained[v];
-        if all == 0 {
-            0.0
-        } else {
-            self.n_hiding[v] as f64 / all as f64
-        }
-    }
-
-    fn share_of(&self, v: usize) -> f64 {
-        if self.n_near[v] == 0 {
-            0.0
-        } else {
-            self.n_explained[v] as f64 / self.n_near[v] as f64
-        }
-    }
-
-    fn unexplained_share(&self) -> f64 {
-        let explained: usize = self.n_explained.iter().sum();
-        1.0 - explained as f64 / self.n_points.max(1) as f64
-    }
 }
 
 /// Which of the vertebra's samples have one of its own points beside them.

@@ -17,7 +17,9 @@ use rayon::prelude::*;
 
 use crate::SpineError;
 use crate::bare_bone::BareBone;
-use crate::finish::{CLOSE_MM, EXPLAINED_FLOOR_MM, EXPLAINED_IN_SIGMA, Sensor, enlarged, select};
+use crate::enlarged::enlarged;
+use crate::explained::{CLOSE_MM, EXPLAINED_FLOOR_MM, EXPLAINED_IN_SIGMA};
+use crate::finish::{Sensor, select};
 use crate::free_space::FreeSpace;
 use crate::misfit::{Misfit, misfit};
 use crate::points::PointSet;
@@ -273,7 +275,12 @@ impl SpineTracker<'_> {
         let all = fitted.n_hiding + fitted.n_explained;
         let hidden_share = fitted.n_hiding as f64 / all.max(1) as f64;
         let noise = (fit.noise_mm, hidden_share);
-        fitted.covariance = Some(enlarged(&first_order, noise, sensor, &fitted.misfit));
+        fitted.covariance = Some(enlarged(
+            &first_order,
+            noise,
+            (sensor, false),
+            &fitted.misfit,
+        ));
         Ok(())
     }
 }
