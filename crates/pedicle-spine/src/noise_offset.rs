@@ -131,10 +131,9 @@ mod tests {
         let bone = BoneSurface::new(&phantom.vertebrae[2].mesh).unwrap();
         let (sigma_mm, gate_mm) = (2.0, 10.0);
         let mut rng = ChaCha8Rng::seed_from_u64(7);
-        let noisy: Vec<Point3<f64>> = phantom.vertebrae[2]
-            .mesh
-            .vertices()
-            .iter()
+        let noisy: Vec<Point3<f64>> = bone
+            .spread_points(3000)
+            .into_iter()
             .map(|x| x + Vector3::from_fn(|_, _| StandardNormal.sample(&mut rng)) * sigma_mm)
             .collect();
         let hits: Vec<(f64, SurfaceHit)> = noisy

@@ -433,6 +433,40 @@ mod tests {
     }
 
     #[test]
+    fn a_sensor_errs_as_its_patches_or_the_quieter_bones_show() {
+        let judged = |quiet_noise_mm: f64| {
+            let evidence = Evidence {
+                bare_area_mm2: Some(1500.0),
+                alternative_margin: 0.4,
+                sensor_noise_mm: Some(0.45),
+                quiet_noise_mm,
+                ..good()
+            };
+            rejections(&evidence, &VerdictOptions::default()).len()
+        };
+        assert_eq!(judged(0.45), 1, "only this bone is noisier than the sensor");
+        assert_eq!(judged(0.49), 0, "the sensor is noisier than its patches");
+        assert_eq!(judged(f64::NAN), 1, "no other bone tells");
+        let quiet = |noises: &[f64]| second_smallest(noises.to_vec());
+        assert!((quiet(&[0.9, f64::NAN, 0.5, 0.7]) - 0.7).abs() < 1e-12);
+        assert!(quiet(&[0.9]).is_nan());
+    }
+
+    #[test]
+    fn a_noisy_target_is_refused_even_where_a_bone_fits_by_chance() {
+        let evidence = Evidence {
+            others_noise_mm: 2.7,
+            noise_mm: 2.1,
+            ..good()
+        };
+        let found = rejections(&evidence, &VerdictOptions::default());
+        assert!(
+            found.len() == 1 && found[0].to_string().contains("2.70 mm"),
+            "{found:?}"
+        );
+    }
+
+    #[test]
     fn each_figure_alone_rejects_with_its_own_reason() {
         let with = |deviations| -> Spoil { Box::new(move |e| e.deviations = Some(deviations)) };
         let cases: Vec<(&str, Spoil)> = vec![
@@ -474,7 +508,10 @@ mod tests {
             ),
             (
                 "taken for bone",
-                Box::new(|e| (e.bare_area_mm2, e.sensor_noise_mm) = (Some(1500.0), Some(0.45))),
+                Box::new(|e| {
+                    (e.bare_area_mm2, e.sensor_noise_mm) = (Some(1500.0), Some(0.45));
+                    e.quiet_noise_mm = 0.45;
+                }),
             ),
             ("saw through 12 %", Box::new(|e| e.seen_through = 0.12)),
             ("right patient", Box::new(|e| e.misfit.covariance_mm2 = 0.5)),
