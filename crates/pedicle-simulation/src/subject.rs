@@ -54,7 +54,7 @@ impl Default for PhantomParameters {
 
 impl PhantomParameters {
     /// A subject: the same seed gives the same spine, another seed another one. Dimensions that do not fit together
-    /// (one in some hundreds: a neighbour takes the place of a spinous process) are drawn again.
+    /// (one in some hundreds: a neighbour takes the place of a spinous process) are drawn again, up to fifty times.
     #[must_use]
     pub fn subject(seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);

@@ -73,9 +73,17 @@ impl Conclusion<'_> {
         }
         let together = self.together(&vertebrae, options);
         let shape = self.shape(&vertebrae, options);
-        for vertebra in vertebrae.iter_mut().filter(|v| v.reasons.is_empty()) {
+        for (vertebra, fit) in vertebrae.iter_mut().zip(&self.fit.fits) {
+            if !vertebra.reasons.is_empty() {
+                continue;
+            }
             vertebra.reasons.extend(together.clone());
             vertebra.reasons.extend(shape.clone());
+            let tells_shape = fit.shape.as_ref().is_some_and(ShapeChange::is_known);
+            if self.fit.needs_shape && !tells_shape {
+                let n_points = vertebra.n_points;
+                vertebra.reasons.push(Rejection::ShapeUnknown { n_points });
+            }
             vertebra.accepted = vertebra.reasons.is_empty();
         }
         vertebrae
@@ -88,21 +96,8 @@ impl Conclusion<'_> {
         vertebrae: &[VertebraTransfer],
         options: &VerdictOptions,
     ) -> Option<Rejection> {
-        let differs = |r: &Rejection| matches!(r, Rejection::ShapeDiffers { .. });
-        let n_fits = vertebrae.iter().filter(|v| v.covariance.is_some()).count();
-        let n_differ = vertebrae
-            .iter()
-            .filter(|v| v.reasons.iter().any(differs))
-            .count();
-        let misfits: Vec<Misfit> = vertebrae
-            .iter()
-            .zip(&self.fit.fits)
-            .filter(|(v, _)| {
-                v.covariance.is_some()
-                    && (2 * n_differ > n_fits
-                        || v.reasons.iter().all(Rejection::is_about_precision))
-            })
-            .map(|(_, fit)| fit.misfit)
+        let misfits: Vec<Misfit> = witnesses(vertebrae)
+            .map(|v| self.fit.fits[v].misfit)
             .collect();
         pooled_rejection(&misfits, options)
     }
@@ -121,11 +116,8 @@ impl Conclusion<'_> {
     /// Whether the vertebrae that are trusted otherwise, or would be if their poses were known better,
     /// have the shape of the plan's where noise hides its bumps.
     fn shape(&self, vertebrae: &[VertebraTransfer], options: &VerdictOptions) -> Option<Rejection> {
-        let all: Vec<&ShapeChange> = vertebrae
-            .iter()
-            .zip(&self.fit.fits)
-            .filter(|(v, _)| v.reasons.iter().all(Rejection::is_about_precision))
-            .filter_map(|(_, fit)| fit.shape.as_ref())
+        let all: Vec<&ShapeChange> = witnesses(vertebrae)
+            .filter_map(|v| self.fit.fits[v].shape.as_ref())
             .collect();
         let change = ShapeChange::of_spine(&all)?;
         let holds = change.excess <= options.max_shape_excess;
@@ -143,8 +135,8 @@ impl Conclusion<'_> {
     ) -> VertebraTransfer {
         let (vertebra, fit) = (&self.model.vertebrae[v], &self.fit.fits[v]);
         let pose = fit.target_from_source;
-        let fitted = self.fit.fits.iter().filter_map(|f| f.refinement.as_ref());
-        let noises_mm = fitted.map(|r| r.noise_mm);
+        let others = self.fit.fits.iter().enumerate().filter(|(u, _)| *u != v);
+        let noises_mm = others.filter_map(|(_, f)| Some(f.refinement.as_ref()?.noise_mm));
         let evidence = Evidence {
             n_points: fit.n_points,
             posterior_coverage: fit.posterior_coverage,
@@ -152,6 +144,8 @@ impl Conclusion<'_> {
             noise_mm: fit.refinement.as_ref().map_or(f64::NAN, |r| r.noise_mm),
             others_noise_mm: self.fit.noise_mm,
             quiet_noise_mm: second_smallest(noises_mm.collect()),
+            is_from_camera: self.fit.is_from_camera,
+            tells_tissue: self.fit.is_from_camera,
             deviations: fit
                 .covariance
                 .map(|c| self.deviations(v, &c, uncertainties)),
@@ -261,6 +255,20 @@ impl Conclusion<'_> {
             breach_probability,
         }
     }
+}
+
+/// The vertebrae that tell whose bones they are: those of which nothing is known but how precise their poses are, and
+/// all with a fit if most differ alone already.
+fn witnesses(vertebrae: &[VertebraTransfer]) -> impl Iterator<Item = usize> + '_ {
+    let differs = |r: &Rejection| matches!(r, Rejection::ShapeDiffers { .. });
+    let fitted = || vertebrae.iter().filter(|v| v.covariance.is_some());
+    let n_differ = fitted().filter(|v| v.reasons.iter().any(differs)).count();
+    let most_differ = 2 * n_differ > fitted().count();
+    let tells = move |v: &VertebraTransfer| {
+        v.covariance.is_some()
+            && (most_differ || v.reasons.iter().all(Rejection::is_about_precision))
+    };
+    (0..vertebrae.len()).filter(move |&v| tells(&vertebrae[v]))
 }
 
 /// The larger of two, NaN if one is.

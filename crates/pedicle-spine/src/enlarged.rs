@@ -4,7 +4,8 @@
 //! C' = C (1 + 0.12 σ)² g c²
 //! ```
 //!
-//! σ is the noise in mm, g what correlated residuals do to sums ([`crate::misfit`]), c what a camera adds.
+//! σ is the noise of the fit in mm, g what correlated residuals do to sums ([`crate::misfit`]), c what a camera adds:
+//! its rays, and tissue where its noise hides it.
 
 use pedicle_registration::PoseCovariance;
 
@@ -24,29 +25,21 @@ const INFLATION_OF_CAMERA: f64 = 1.15;
 const TISSUE_SHARE: f64 = 0.05;
 /// What it adds to the factor.
 const INFLATION_OF_TISSUE: f64 = 2.0;
-/// The same where points are weighed by what they probably are.
-const INFLATION_OF_WEIGHED: f64 = 0.5;
 
 /// By how much the errors of a camera exceed those of the first order.
-fn inflation_of_camera(noise_mm: f64, hidden_share: f64, is_weighed: bool) -> f64 {
+fn inflation_of_camera(noise_mm: f64, hidden_share: f64) -> f64 {
     if noise_mm <= TELLS_TISSUE_MM {
         return INFLATION_OF_CAMERA;
     }
     let tissue = (hidden_share / TISSUE_SHARE).clamp(0.0, 1.0);
-    let added = if is_weighed {
-        INFLATION_OF_WEIGHED
-    } else {
-        INFLATION_OF_TISSUE
-    };
-    INFLATION_OF_CAMERA * (1.0 + added * tissue)
+    INFLATION_OF_CAMERA * (1.0 + INFLATION_OF_TISSUE * tissue)
 }
 
-/// The covariance with what the first order and independent residuals leave out; `is_weighed` if the points of a camera
-/// were weighed by what they probably are.
+/// The covariance with what the first order and independent residuals leave out.
 pub(crate) fn enlarged(
     covariance: &PoseCovariance,
     (noise_mm, hidden_share): (f64, f64),
-    (sensor, is_weighed): (&Sensor<'_>, bool),
+    sensor: &Sensor<'_>,
     misfit: &Misfit,
 ) -> PoseCovariance {
     let factor = 1.0 + INFLATION_PER_MM * noise_mm;
@@ -54,7 +47,7 @@ pub(crate) fn enlarged(
     // more.
     let (factor, grown) = match sensor.noise_mm {
         Some(sensor_mm) => (
-            inflation_of_camera(sensor_mm, hidden_share, is_weighed) * factor,
+            inflation_of_camera(sensor_mm, hidden_share) * factor,
             misfit.inflation(0.0),
         ),
         None => (factor, misfit.inflation(misfit.by_noise_mm2)),

@@ -78,19 +78,14 @@ pub(crate) struct Sensor<'a> {
 const SENSOR_TO_SURFACE: f64 = 1.15;
 
 /// Up to this noise of a camera patches of its points tell bone from tissue, mm: there the normalised error
-/// squared over 6 is 0.5 to 1.0.
+/// squared over 6 is 0.5 to 1.0 (2.0 just below it, for one vertebra 0.5 mm off), above it 3 with values of 10 to 17.
 pub(crate) const TELLS_TISSUE_MM: f64 = 1.0;
-/// Up to this noise they tell it less well, mm: points are weighed only where tissue is seen close to the bone, and the
-/// noise is that of the fit before, for weights can make a wrong pose look quiet.
-pub(crate) const WEIGHS_TISSUE_MM: f64 = 1.5;
-/// From this share of the points close to the bone on tissue is seen there.
-const LEAST_TISSUE_SHARE: f64 = 0.025;
 
 impl Sensor<'_> {
-    /// The noise of a camera whose points are weighed by what they probably are.
+    /// The noise of a camera that tells bone from tissue.
     fn noise_to_tell_tissue_mm(&self) -> Option<f64> {
         let noise_mm = self.noise_mm?;
-        (self.free_space.is_some() && noise_mm <= WEIGHS_TISSUE_MM).then_some(noise_mm)
+        (self.free_space.is_some() && noise_mm <= TELLS_TISSUE_MM).then_some(noise_mm)
     }
 
     /// Whether a part of the points of a camera tells bone from tissue.
@@ -131,6 +126,10 @@ pub(crate) struct SpineFit {
     pub(crate) area_of_point_mm2: Option<f64>,
     /// Share of the target points that no vertebra explains.
     pub(crate) unexplained_share: f64,
+    /// Whether noise hides the bumps of the bones: then their shape is judged by [`Fit::shape`].
+    pub(crate) needs_shape: bool,
+    /// Whether a camera is known that saw the points.
+    pub(crate) is_from_camera: bool,
 }
 
 /// The target's points and the loose pieces they belong to.
@@ -218,11 +217,12 @@ pub(crate) fn finish(
 
     if let Some(sensor_mm) = sensor.noise_to_tell_tissue_mm() {
         let fits = (&mut refinements[..], &mut poses[..], &mut lists[..]);
-        weigh_tissue(vertebrae, target, (sensor, sensor_mm, gate_mm), fits);
+        weigh_tissue(vertebrae, target, (sensor_mm, gate_mm), fits);
     }
 
     let noise_mm = median_noise(&refinements);
-    let shapes = if sensor.free_space.is_none() && noise_mm >= BENDS_FROM_MM {
+    let needs_shape = sensor.free_space.is_none() && noise_mm >= BENDS_FROM_MM;
+    let shapes = if needs_shape {
         vertebrae
             .par_iter()
             .zip(&refinements)
@@ -262,7 +262,7 @@ pub(crate) fn finish(
                     enlarged(
                         &fit.covariance.about(&centroid),
                         (noise_mm, explained.hidden_share(v)),
-                        (sensor, sensor.noise_to_tell_tissue_mm().is_some()),
+                        sensor,
                         &misfit,
                     )
                 }),
@@ -290,6 +290,8 @@ pub(crate) fn finish(
             .free_space
             .and_then(|_| target.points.area_of_point_mm2()),
         unexplained_share: explained.unexplained_share(),
+        needs_shape,
+        is_from_camera: sensor.free_space.is_some(),
     })
 }
 
@@ -297,7 +299,7 @@ pub(crate) fn finish(
 fn weigh_tissue(
     vertebrae: &[Vertebra],
     target: &FinePoints,
-    (sensor, sensor_mm, gate_mm): (&Sensor<'_>, f64, f64),
+    (sensor_mm, gate_mm): (f64, f64),
     (refinements, poses, lists): (
         &mut [Option<Refinement>],
         &mut [Isometry3<f64>],
@@ -305,32 +307,16 @@ fn weigh_tissue(
     ),
 ) {
     let bones: Vec<&BoneSurface> = vertebrae.iter().map(|v| &v.bone).collect();
-    let tells = sensor_mm <= TELLS_TISSUE_MM;
-    let seen = (!tells).then(|| {
-        let noise_mm = median_noise(refinements);
-        Explained::count(&bones, poses, &target.points, (noise_mm, sensor))
-    });
-    let is_weighed = |v: usize| {
-        seen.as_ref()
-            .is_none_or(|seen| seen.hidden_share(v) >= LEAST_TISSUE_SHARE)
-    };
     let owners = ScoreTable::new(&bones, poses, &target.points, gate_mm).owners();
-    let found: Vec<Option<Option<AmongTissue>>> = (0..vertebrae.len())
+    let found: Vec<Option<AmongTissue>> = (0..vertebrae.len())
         .into_par_iter()
         .map(|v| {
-            refinements[v].as_ref().filter(|_| is_weighed(v))?;
+            refinements[v].as_ref()?;
             let points = (&target.points, sensor_mm);
-            Some(among_tissue(
-                &vertebrae[v].bone,
-                v as u8,
-                &owners,
-                &poses[v],
-                points,
-            ))
+            among_tissue(&vertebrae[v].bone, v as u8, &owners, &poses[v], points)
         })
         .collect();
     for (v, found) in found.into_iter().enumerate() {
-        let Some(found) = found else { continue };
         // Where bare bone does not fix the pose, there is no fit: its covariance would not know.
         let Some(found) = found else {
             refinements[v] = None;
@@ -340,10 +326,8 @@ fn weigh_tissue(
         lists[v] = found.bare;
         if let Some(refinement) = refinements[v].as_mut() {
             refinement.target_from_source = found.target_from_source;
+            refinement.noise_mm = found.noise_mm;
             refinement.covariance = found.covariance;
-            if tells {
-                refinement.noise_mm = found.noise_mm;
-            }
         }
     }
 }

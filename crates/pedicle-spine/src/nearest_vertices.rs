@@ -14,7 +14,7 @@ use nalgebra::{Point3, Vector3};
 
 /// Smallest edge of a cell, mm.
 const LEAST_CELL_MM: f64 = 1.5;
-/// The grid reaches this far beyond the vertices, mm: about the widest gate of a search.
+/// The grid reaches this far beyond the vertices, mm: most gates of a search; farther points are asked of the tree.
 pub(crate) const MARGIN_MM: f64 = 16.0;
 /// Most cells; a larger grid has larger cells.
 const MAX_CELLS: f64 = 1e6;

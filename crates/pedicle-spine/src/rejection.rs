@@ -18,6 +18,10 @@ pub enum Rejection {
     TooLittleSeen { share: f64, min: f64 },
     /// A camera saw too little of it bare: soft tissue may lie like bone.
     TooLittleBare { area_mm2: f64, min_mm2: f64 },
+    /// The points of a camera lie too far apart to tell bone from soft tissue.
+    TooSparse,
+    /// Noise hides its bumps, and its points do not tell its shape otherwise.
+    ShapeUnknown { n_points: usize },
     /// Too many of its points do not lie on its surface.
     PoorFit { explained_share: f64, min: f64 },
     /// The target is too noisy.
@@ -101,6 +105,14 @@ impl std::fmt::Display for Rejection {
                 "too little surface seen ({:.0} % of the posterior side, at least {:.0} % needed)",
                 100.0 * share,
                 100.0 * min
+            ),
+            Self::TooSparse => write!(
+                f,
+                "the camera's points lie too far apart to tell bone from soft tissue: measure more densely"
+            ),
+            Self::ShapeUnknown { n_points } => write!(
+                f,
+                "{n_points} points do not tell at this noise whose bone it is: show more of it, or less noisily"
             ),
             Self::TooLittleBare { area_mm2, min_mm2 } => write!(
                 f,

@@ -5,6 +5,8 @@
 //! χ² = gᵀ (G + R)⁻¹ g,   ⟨χ²⟩ = tr (G + R)⁻¹ G,   excess = (χ² - ⟨χ²⟩) / √(2 ⟨χ²⟩)
 //! ```
 //!
+//! √(2 ⟨χ²⟩) is the standard deviation of χ² where the points fix all of e, and more than it elsewhere.
+//!
 //! r are the signed distances of the target points from the bone less those that noise gives them
 //! (b, [`crate::noise_offset`]), a and δ the change of pose, e the 24 numbers of a smooth deformation along the axes
 //! of the vertebra: stretch and shear, and all quadratic fields. δ and β (an error of the noise's size) are free. G and
@@ -21,6 +23,7 @@ use crate::SpineError;
 use crate::bone::BoneSurface;
 use crate::model::Vertebra;
 use crate::noise_offset::NoiseOffset;
+use crate::tracker_verdict::median;
 
 /// Pose and size of the noise.
 const N_FREE: usize = 7;
@@ -108,13 +111,12 @@ impl ShapeChange {
                 Some((row(&place, &hit.normal, offset_mm, frame), r))
             })
             .collect();
-        let mut residuals: Vec<f64> = rows.iter().map(|(_, r)| *r).collect();
-        if residuals.len() < MIN_POINTS {
+        if rows.len() < MIN_POINTS {
             return None;
         }
-        let middle = median(&mut residuals);
-        let mut deviations: Vec<f64> = residuals.iter().map(|r| (r - middle).abs()).collect();
-        let limit = WITHIN_SIGMA * median(&mut deviations) / MAD_OF_NORMAL;
+        let middle = median(rows.iter().map(|(_, r)| *r).collect());
+        let deviations = rows.iter().map(|(_, r)| (r - middle).abs()).collect();
+        let limit = WITHIN_SIGMA * median(deviations) / MAD_OF_NORMAL;
         let kept = || rows.iter().filter(|(_, r)| (r - middle).abs() <= limit);
 
         let n = kept().count();
@@ -160,12 +162,15 @@ impl ShapeChange {
         Some((change, chi))
     }
 
-    /// All bones together; none of no bones.
+    /// Whether there is a change that the points make likely.
+    pub(crate) fn is_known(&self) -> bool {
+        self.judged().is_some()
+    }
+
+    /// All bones together that tell anything; none of no bones.
     pub(crate) fn of_spine(all: &[&Self]) -> Option<SpineChange> {
-        let each: Vec<ChiSquared> = all
-            .iter()
-            .map(|change| Some(change.judged()?.1))
-            .collect::<Option<_>>()?;
+        let all: Vec<&Self> = all.iter().copied().filter(|c| c.is_known()).collect();
+        let each: Vec<ChiSquared> = all.iter().filter_map(|c| Some(c.judged()?.1)).collect();
         let summed = ChiSquared {
             value: each.iter().map(|chi| chi.value).sum(),
             expected: each.iter().map(|chi| chi.expected).sum(),
@@ -217,11 +222,6 @@ fn row(
         *entry = value;
     }
     row
-}
-
-fn median(values: &mut [f64]) -> f64 {
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
 #[cfg(test)]

@@ -275,12 +275,7 @@ impl SpineTracker<'_> {
         let all = fitted.n_hiding + fitted.n_explained;
         let hidden_share = fitted.n_hiding as f64 / all.max(1) as f64;
         let noise = (fit.noise_mm, hidden_share);
-        fitted.covariance = Some(enlarged(
-            &first_order,
-            noise,
-            (sensor, false),
-            &fitted.misfit,
-        ));
+        fitted.covariance = Some(enlarged(&first_order, noise, sensor, &fitted.misfit));
         Ok(())
     }
 }

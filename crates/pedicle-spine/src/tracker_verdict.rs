@@ -37,9 +37,13 @@ impl SpineTracker<'_> {
         });
         let whole = Whole {
             noise_mm,
-            quiet_noise_mm: second_smallest(fits.iter().map(Fitted::noise_mm).collect()),
             sensor_noise_mm: seen.noise_mm,
             unexplained_share: 1.0 - share(n_explained, n_near),
+        };
+        let quiet_noise_mm = |v: usize| {
+            let others = fits.iter().zip(&self.tracks).enumerate();
+            let followed = others.filter(|(u, (_, track))| *u != v && track.is_followed);
+            second_smallest(followed.map(|(_, (fit, _))| fit.noise_mm()).collect())
         };
         let mut reasons: Vec<Option<LostReason>> = fits
             .iter()
@@ -51,7 +55,7 @@ impl SpineTracker<'_> {
                 if !is_in_view {
                     return Some(LostReason::SpineJumped);
                 }
-                self.doubt(own, &whole)
+                self.doubt(own, quiet_noise_mm(v), &whole)
                     .map(|reason| LostReason::Doubted { reason })
                     .or_else(|| self.jump(v, &own.target_from_source, &expected[v]))
             })
@@ -80,7 +84,7 @@ impl SpineTracker<'_> {
     }
 
     /// The first test of a transfer that a fit fails.
-    fn doubt(&self, own: &Fitted, whole: &Whole) -> Option<Rejection> {
+    fn doubt(&self, own: &Fitted, quiet_noise_mm: f64, whole: &Whole) -> Option<Rejection> {
         let noise_mm = own.noise_mm();
         let evidence = Evidence {
             n_points: own.n_points,
@@ -89,7 +93,9 @@ impl SpineTracker<'_> {
             explained_share: share(own.n_explained, own.n_near),
             noise_mm,
             others_noise_mm: whole.noise_mm,
-            quiet_noise_mm: whole.quiet_noise_mm,
+            quiet_noise_mm,
+            is_from_camera: self.view.is_some(),
+            tells_tissue: false,
             deviations: own.covariance.as_ref().map(|covariance| {
                 let (orientation_rad, position_mm) = worst_of_pose(covariance);
                 Deviations {
@@ -109,7 +115,8 @@ impl SpineTracker<'_> {
             seen_through: own.seen_through,
             hidden_share: share(own.n_hiding, own.n_hiding + own.n_explained),
             sensor_noise_mm: whole.sensor_noise_mm,
-            bare_area_mm2: None,
+            // How much bare bone is enough, the first result has settled as well.
+            bare_area_mm2: Some(f64::INFINITY),
         };
         let found = rejections(&evidence, &self.options.verdict)
             .into_iter()
@@ -155,7 +162,6 @@ impl SpineTracker<'_> {
 struct Whole {
     /// Median noise.
     noise_mm: f64,
-    quiet_noise_mm: f64,
     sensor_noise_mm: Option<f64>,
     /// Of the points on or behind bone.
     unexplained_share: f64,

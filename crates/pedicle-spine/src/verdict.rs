@@ -17,8 +17,12 @@ pub(crate) struct Evidence {
     pub(crate) noise_mm: f64,
     /// Median noise of all vertebrae.
     pub(crate) others_noise_mm: f64,
-    /// Noise of the second quietest vertebra.
+    /// Noise of the second quietest of the other vertebrae.
     pub(crate) quiet_noise_mm: f64,
+    /// Whether a camera is known that saw the points.
+    pub(crate) is_from_camera: bool,
+    /// Whether its points are weighed by what they probably are. Those of a tracker are not.
+    pub(crate) tells_tissue: bool,
     /// Standard deviations; none if there is no fit.
     pub(crate) deviations: Option<Deviations>,
     pub(crate) unexplained_share: f64,
@@ -35,7 +39,7 @@ pub(crate) struct Evidence {
     pub(crate) hidden_share: f64,
     /// Noise of the target estimated from it alone.
     pub(crate) sensor_noise_mm: Option<f64>,
-    /// Area of the bare bone that a camera saw, mm²; none without a camera.
+    /// Area of the bare bone that a camera saw, mm²; none without a camera, and where its points lie too far apart.
     pub(crate) bare_area_mm2: Option<f64>,
 }
 
@@ -121,9 +125,10 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
             min: options.min_explained_share,
         },
     );
-    let max_noise_mm = match evidence.bare_area_mm2 {
-        Some(_) => options.max_noise_of_camera_mm,
-        None => options.max_noise_mm,
+    let max_noise_mm = if evidence.is_from_camera {
+        options.max_noise_of_camera_mm
+    } else {
+        options.max_noise_mm
     };
     // One bone of a noisy target may fit by chance as if it were not.
     let noise_mm = if evidence.noise_mm < evidence.others_noise_mm {
@@ -200,9 +205,10 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
             max_rad: options.max_rotation_std_rad,
         },
     );
-    let min_margin = match evidence.bare_area_mm2 {
-        Some(_) => options.min_alternative_margin_of_camera,
-        None => options.min_alternative_margin,
+    let min_margin = if evidence.is_from_camera {
+        options.min_alternative_margin_of_camera
+    } else {
+        options.min_alternative_margin
     };
     demand(
         evidence.alternative_margin >= min_margin,
@@ -211,18 +217,21 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
             min: min_margin,
         },
     );
-    if let Some(area_mm2) = evidence.bare_area_mm2 {
-        demand(
-            area_mm2 >= options.min_bare_area_mm2,
-            Rejection::TooLittleBare {
-                area_mm2,
-                min_mm2: options.min_bare_area_mm2,
-            },
-        );
+    if evidence.is_from_camera {
+        match evidence.bare_area_mm2 {
+            Some(area_mm2) => demand(
+                area_mm2 >= options.min_bare_area_mm2,
+                Rejection::TooLittleBare {
+                    area_mm2,
+                    min_mm2: options.min_bare_area_mm2,
+                },
+            ),
+            None => demand(false, Rejection::TooSparse),
+        }
     }
     let misfit = evidence.misfit;
     if let Some(sensor_mm) = evidence.sensor_noise_mm {
-        let is_told = evidence.bare_area_mm2.is_some() && sensor_mm <= TELLS_TISSUE_MM;
+        let is_told = evidence.tells_tissue && sensor_mm <= TELLS_TISSUE_MM;
         let shown_mm = sensor_shown_mm(sensor_mm, evidence.quiet_noise_mm);
         let most_mm = if is_told {
             MAX_TOLD_RATIO * shown_mm
@@ -349,6 +358,8 @@ mod tests {
             noise_mm: 0.5,
             others_noise_mm: 0.5,
             quiet_noise_mm: 0.5,
+            is_from_camera: false,
+            tells_tissue: false,
             deviations: Some(GOOD),
             unexplained_share: 0.01,
             level_margin: 0.5,
@@ -436,6 +447,8 @@ mod tests {
     fn a_sensor_errs_as_its_patches_or_the_quieter_bones_show() {
         let judged = |quiet_noise_mm: f64| {
             let evidence = Evidence {
+                is_from_camera: true,
+                tells_tissue: true,
                 bare_area_mm2: Some(1500.0),
                 alternative_margin: 0.4,
                 sensor_noise_mm: Some(0.45),
@@ -500,15 +513,30 @@ mod tests {
             ("in front of", Box::new(|e| e.hidden_share = 0.8)),
             (
                 "bare bone seen (250 mm²",
-                Box::new(|e| e.bare_area_mm2 = Some(250.0)),
+                Box::new(|e| (e.is_from_camera, e.bare_area_mm2) = (true, Some(250.0))),
+            ),
+            (
+                "measure more densely",
+                Box::new(|e| e.is_from_camera = true),
+            ),
+            (
+                "too noisy (1.70 mm, at most 1.50 mm)",
+                Box::new(|e| {
+                    (e.is_from_camera, e.bare_area_mm2) = (true, Some(1500.0));
+                    (e.noise_mm, e.others_noise_mm) = (1.7, 1.7);
+                }),
             ),
             (
                 "another pose",
-                Box::new(|e| (e.bare_area_mm2, e.alternative_margin) = (Some(1500.0), 0.12)),
+                Box::new(|e| {
+                    (e.is_from_camera, e.bare_area_mm2) = (true, Some(1500.0));
+                    e.alternative_margin = 0.12;
+                }),
             ),
             (
                 "taken for bone",
                 Box::new(|e| {
+                    (e.is_from_camera, e.tells_tissue) = (true, true);
                     (e.bare_area_mm2, e.sensor_noise_mm) = (Some(1500.0), Some(0.45));
                     e.quiet_noise_mm = 0.45;
                 }),
