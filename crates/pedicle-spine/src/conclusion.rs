@@ -143,6 +143,7 @@ impl Conclusion<'_> {
             explained_share: fit.explained_share,
             noise_mm: fit.refinement.as_ref().map_or(f64::NAN, |r| r.noise_mm),
             others_noise_mm: self.fit.noise_mm,
+            target_noise_mm: self.fit.noise_mm,
             quiet_noise_mm: second_smallest(noises_mm.collect()),
             is_from_camera: self.fit.is_from_camera,
             tells_tissue: self.fit.is_from_camera,

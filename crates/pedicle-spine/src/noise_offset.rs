@@ -148,14 +148,12 @@ mod tests {
         let offset = NoiseOffset::new(&bone, mean_square_mm2.sqrt(), gate_mm)
             .unwrap()
             .unwrap();
-        // Over the places that lie off by less than the median and those by more.
-        let mut offsets: Vec<f64> = hits.iter().map(|(_, hit)| offset.at(hit)).collect();
-        offsets.sort_by(f64::total_cmp);
-        let middle_mm = offsets[offsets.len() / 2];
-        for far in [false, true] {
+        // The body, which is blunt, and the processes behind it, which are not.
+        let middle = bone.centroid().y;
+        for is_behind in [false, true] {
             let half = hits
                 .iter()
-                .filter(|(_, hit)| (offset.at(hit) > middle_mm) == far);
+                .filter(|(_, hit)| (hit.point.y < middle) == is_behind);
             let (mut n, mut seen_mm, mut told_mm) = (0.0, 0.0, 0.0);
             for (r, hit) in half {
                 n += 1.0;
@@ -167,7 +165,7 @@ mod tests {
                 (seen_mm - told_mm).abs() < 0.15,
                 "noisy points lie {seen_mm} mm off, told {told_mm} mm"
             );
-            assert!(!far || seen_mm > 0.5, "{seen_mm} mm");
+            assert!(seen_mm > 0.2, "noise leaves points outside: {seen_mm} mm");
         }
     }
 }

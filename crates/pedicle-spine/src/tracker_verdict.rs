@@ -93,6 +93,7 @@ impl SpineTracker<'_> {
             explained_share: share(own.n_explained, own.n_near),
             noise_mm,
             others_noise_mm: whole.noise_mm,
+            target_noise_mm: noise_mm,
             quiet_noise_mm,
             is_from_camera: self.view.is_some(),
             tells_tissue: false,

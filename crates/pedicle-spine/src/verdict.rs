@@ -17,6 +17,8 @@ pub(crate) struct Evidence {
     pub(crate) noise_mm: f64,
     /// Median noise of all vertebrae.
     pub(crate) others_noise_mm: f64,
+    /// The same of a whole target; of a frame the vertebra's own, for those that are lost fit to anything.
+    pub(crate) target_noise_mm: f64,
     /// Noise of the second quietest of the other vertebrae.
     pub(crate) quiet_noise_mm: f64,
     /// Whether a camera is known that saw the points.
@@ -131,8 +133,8 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
         options.max_noise_mm
     };
     // One bone of a noisy target may fit by chance as if it were not.
-    let noise_mm = if evidence.noise_mm < evidence.others_noise_mm {
-        evidence.others_noise_mm
+    let noise_mm = if evidence.noise_mm < evidence.target_noise_mm {
+        evidence.target_noise_mm
     } else {
         evidence.noise_mm
     };
@@ -357,6 +359,7 @@ mod tests {
             explained_share: 0.98,
             noise_mm: 0.5,
             others_noise_mm: 0.5,
+            target_noise_mm: 0.5,
             quiet_noise_mm: 0.5,
             is_from_camera: false,
             tells_tissue: false,
@@ -469,6 +472,7 @@ mod tests {
     fn a_noisy_target_is_refused_even_where_a_bone_fits_by_chance() {
         let evidence = Evidence {
             others_noise_mm: 2.7,
+            target_noise_mm: 2.7,
             noise_mm: 2.1,
             ..good()
         };
@@ -491,7 +495,7 @@ mod tests {
             ("does not fit", Box::new(|e| e.explained_share = 0.5)),
             (
                 "too noisy",
-                Box::new(|e| (e.noise_mm, e.others_noise_mm) = (5.0, 5.0)),
+                Box::new(|e| (e.noise_mm, e.others_noise_mm, e.target_noise_mm) = (5.0, 5.0, 5.0)),
             ),
             ("noisier than those", Box::new(|e| e.noise_mm = 0.9)),
             (
