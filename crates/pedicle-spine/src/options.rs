@@ -62,13 +62,14 @@ pub struct VerdictOptions {
     pub min_posterior_coverage: f64,
     /// Smallest share of the vertebra's target points that the fit explains. Default 0.85.
     pub min_explained_share: f64,
-    /// Largest noise of the target surface, of the bone and of the median bone, mm. Default 2.3: beyond that the shape no
-    /// longer tells whose bone it is.
+    /// Largest noise of the target surface, as the median bone shows it, mm; a single bone may show 1.1 times as much.
+    /// Default 2.1: beyond that the shape no longer tells whose bone it is. A noise of 2 mm shows as 1.7 to 2.05, one of 3 mm
+    /// as 2.2 and more.
     pub max_noise_mm: f64,
     /// Largest standard deviation of the vertebra's position in the worst direction, mm. Default
-    /// 0.65: nearly four of them stay within the published margin of 2.5 mm.
+    /// 0.6: more than four of them stay within the published margin of 2.5 mm.
     pub max_translation_std_mm: f64,
-    /// The same of its orientation, rad. Default 0.032 (1.8°): nearly four of them stay within
+    /// The same of its orientation, rad. Default 0.027 (1.5°): more than four of them stay within
     /// the published margin of 7.1°.
     pub max_rotation_std_rad: f64,
     /// The same of the entry or tip of a planned screw, mm. Default 1.4.
@@ -105,8 +106,8 @@ pub struct VerdictOptions {
     /// at a noise of 1 mm, because noise leaves deeper bumps on it than on generated ones.
     pub pooled_misfit_in_sigma: f64,
     /// Largest change of the shape of all bones together that noise may feign, in standard deviations of its χ². Judged
-    /// from a noise of 1.25 mm on, where noise hides bumps. Default 5: of 160 right spines at 2 mm the largest was 4.3,
-    /// of 45 other patients' the least 9.
+    /// from a noise of 1.25 mm on, where noise hides bumps. Not of
+    /// what a camera saw. Default 5: of 148 right spines at 2 mm the largest was 4.3, of 50 other patients' the least 9.
     pub max_shape_excess: f64,
     /// Largest noise of what a camera saw, mm. Default 1.5: beyond that nothing tells there whose bone it is.
     pub max_noise_of_camera_mm: f64,
@@ -221,9 +222,9 @@ impl Default for VerdictOptions {
             min_points: 60,
             min_posterior_coverage: 0.35,
             min_explained_share: 0.85,
-            max_noise_mm: 2.3,
-            max_translation_std_mm: 0.65,
-            max_rotation_std_rad: 0.032,
+            max_noise_mm: 2.1,
+            max_translation_std_mm: 0.6,
+            max_rotation_std_rad: 0.027,
             max_screw_std_mm: 1.4,
             max_unexplained_share: 0.1,
             min_level_margin: 0.15,

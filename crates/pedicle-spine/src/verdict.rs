@@ -62,6 +62,9 @@ const MAX_NOISE_RATIO: f64 = 1.35;
 /// And at least this much, mm: without noise the ratio means nothing.
 const MIN_NOISE_EXCESS_MM: f64 = 0.15;
 
+/// The noise of one bone of a target at the limit may be larger by this factor.
+const MAX_OWN_NOISE_RATIO: f64 = 1.1;
+
 /// Right poses fit to 0.8 to 1.1 of the noise of the sensor, wrong ones among tissue to 1.05 and more.
 const MAX_SENSOR_RATIO: f64 = 1.15;
 /// Where bone is told from tissue by patches, right poses fit to 0.85 to 1.05 of it, some of the wrong ones to 1.09.
@@ -133,10 +136,11 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
         options.max_noise_mm
     };
     // One bone of a noisy target may fit by chance as if it were not.
-    let noise_mm = if evidence.noise_mm < evidence.target_noise_mm {
+    let own_mm = evidence.noise_mm / MAX_OWN_NOISE_RATIO;
+    let noise_mm = if evidence.target_noise_mm > own_mm {
         evidence.target_noise_mm
     } else {
-        evidence.noise_mm
+        own_mm
     };
     demand(
         noise_mm <= max_noise_mm,
@@ -527,7 +531,7 @@ mod tests {
                 "too noisy (1.70 mm, at most 1.50 mm)",
                 Box::new(|e| {
                     (e.is_from_camera, e.bare_area_mm2) = (true, Some(1500.0));
-                    (e.noise_mm, e.others_noise_mm) = (1.7, 1.7);
+                    (e.noise_mm, e.others_noise_mm, e.target_noise_mm) = (1.7, 1.7, 1.7);
                 }),
             ),
             (
