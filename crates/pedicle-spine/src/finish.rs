@@ -216,8 +216,15 @@ pub(crate) fn finish(
     }
 
     if let Some(sensor_mm) = sensor.noise_to_tell_tissue_mm() {
-        let fits = (&mut refinements[..], &mut poses[..], &mut lists[..]);
-        weigh_tissue(vertebrae, target, (sensor_mm, gate_mm), fits);
+        let known = (sensor_mm, gate_mm);
+        weigh_tissue(
+            vertebrae,
+            target,
+            known,
+            &mut refinements,
+            &mut poses,
+            &mut lists,
+        );
     }
 
     let noise_mm = median_noise(&refinements);
@@ -300,11 +307,9 @@ fn weigh_tissue(
     vertebrae: &[Vertebra],
     target: &FinePoints,
     (sensor_mm, gate_mm): (f64, f64),
-    (refinements, poses, lists): (
-        &mut [Option<Refinement>],
-        &mut [Isometry3<f64>],
-        &mut [Vec<u32>],
-    ),
+    refinements: &mut [Option<Refinement>],
+    poses: &mut [Isometry3<f64>],
+    lists: &mut [Vec<u32>],
 ) {
     let bones: Vec<&BoneSurface> = vertebrae.iter().map(|v| &v.bone).collect();
     let owners = ScoreTable::new(&bones, poses, &target.points, gate_mm).owners();

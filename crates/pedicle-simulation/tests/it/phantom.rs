@@ -367,10 +367,7 @@ fn the_same_seed_gives_the_same_spine_and_another_seed_another() {
 fn dimensions_that_do_not_fit_together_are_drawn_again() {
     // The first draw of this subject leaves L5 without the end of its spinous process.
     let seed = subject_seed(20_261_131, 4);
-    let coarse = MeshingOptions {
-        cell_mm: 2.5,
-        ..MeshingOptions::default()
-    };
+    let coarse = MeshingOptions { cell_mm: 2.5 };
     let phantom = generate_phantom(&PhantomParameters::subject(seed), &coarse).unwrap();
     assert_eq!(phantom.vertebrae.len(), 5);
 }
