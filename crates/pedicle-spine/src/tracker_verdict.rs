@@ -14,7 +14,7 @@ use pedicle_registration::pose_error;
 use crate::tracker::SpineTracker;
 use crate::tracker_fit::{Fitted, Seen};
 use crate::uncertainty::worst_of_pose;
-use crate::verdict::{Deviations, Evidence, chain_rejections, rejections, second_smallest};
+use crate::verdict::{Deviations, Evidence, chain_rejections, rejections};
 use crate::{LostReason, Rejection};
 
 /// The noise of a vertebra against that of the frames before: by factor and by excess, mm. A vertebra
@@ -40,11 +40,6 @@ impl SpineTracker<'_> {
             sensor_noise_mm: seen.noise_mm,
             unexplained_share: 1.0 - share(n_explained, n_near),
         };
-        let quiet_noise_mm = |v: usize| {
-            let others = fits.iter().zip(&self.tracks).enumerate();
-            let followed = others.filter(|(u, (_, track))| *u != v && track.is_followed);
-            second_smallest(followed.map(|(_, (fit, _))| fit.noise_mm()).collect())
-        };
         let mut reasons: Vec<Option<LostReason>> = fits
             .iter()
             .enumerate()
@@ -55,7 +50,7 @@ impl SpineTracker<'_> {
                 if !is_in_view {
                     return Some(LostReason::SpineJumped);
                 }
-                self.doubt(own, quiet_noise_mm(v), &whole)
+                self.doubt(own, &whole)
                     .map(|reason| LostReason::Doubted { reason })
                     .or_else(|| self.jump(v, &own.target_from_source, &expected[v]))
             })
@@ -84,7 +79,7 @@ impl SpineTracker<'_> {
     }
 
     /// The first test of a transfer that a fit fails.
-    fn doubt(&self, own: &Fitted, quiet_noise_mm: f64, whole: &Whole) -> Option<Rejection> {
+    fn doubt(&self, own: &Fitted, whole: &Whole) -> Option<Rejection> {
         let noise_mm = own.noise_mm();
         let evidence = Evidence {
             n_points: own.n_points,
@@ -94,7 +89,8 @@ impl SpineTracker<'_> {
             noise_mm,
             others_noise_mm: whole.noise_mm,
             target_noise_mm: noise_mm,
-            quiet_noise_mm,
+            // Bones that are lost fit to anything: the sensor's own noise is what counts.
+            quiet_noise_mm: f64::NAN,
             is_from_camera: self.view.is_some(),
             tells_tissue: false,
             deviations: own.covariance.as_ref().map(|covariance| {
