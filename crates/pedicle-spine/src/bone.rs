@@ -14,9 +14,10 @@ use pedicle_mesh::TriMesh;
 use pedicle_registration::{ReferenceSurface, SurfaceHit};
 
 use crate::SpineError;
+use crate::cell_grid::MARGIN_MM;
 use crate::closest_on_triangle::{closest_barycentric, combine};
 use crate::nearest_cells::NearestCells;
-use crate::nearest_vertices::{MARGIN_MM, NearestVertices};
+use crate::nearest_vertices::NearestVertices;
 
 /// A triangle surface with cells that know the vertices nearby, and a k-d tree for points far away.
 ///

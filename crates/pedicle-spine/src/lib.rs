@@ -47,6 +47,7 @@
 
 mod bare_bone;
 mod bone;
+mod cell_grid;
 mod chain;
 mod closest_on_triangle;
 mod conclusion;

@@ -10,10 +10,10 @@
 
 use nalgebra::{Point3, Vector3};
 
+use crate::cell_grid::CellGrid;
+
 /// Edge of a cell, mm: about the edge of a face of a surface from a CT.
 const CELL_MM: f64 = 1.5;
-/// The grid reaches this far beyond the surface, mm: about the widest gate of a search.
-const MARGIN_MM: f64 = 16.0;
 /// A cell that no vertex has reached.
 const EMPTY: u32 = u32::MAX;
 /// Most cells; a larger grid has larger cells.
@@ -22,33 +22,20 @@ const MAX_CELLS: f64 = 4e6;
 /// The grid around one surface.
 #[derive(Debug)]
 pub(crate) struct NearestCells {
-    low: Point3<f64>,
-    cell_mm: f64,
-    n: [usize; 3],
+    grid: CellGrid,
     vertex: Vec<u32>,
 }
 
 impl NearestCells {
     /// Fills the grid. There must be a vertex.
     pub(crate) fn new(vertices: &[Point3<f64>]) -> Self {
-        let (mut low, mut high) = (vertices[0].coords, vertices[0].coords);
-        for p in vertices {
-            (low, high) = (low.inf(&p.coords), high.sup(&p.coords));
-        }
-        let margin = Vector3::repeat(MARGIN_MM);
-        let low = Point3::from(low - margin);
-        let size = Point3::from(high + margin) - low;
-        let least = (size.product() / MAX_CELLS).cbrt();
-        let cell_mm = if least > CELL_MM { least } else { CELL_MM };
-        let n = [0, 1, 2].map(|k| (size[k] / cell_mm) as usize + 1);
+        let grid = CellGrid::around(vertices, CELL_MM, MAX_CELLS);
         let mut cells = Self {
-            low,
-            cell_mm,
-            n,
-            vertex: vec![EMPTY; n[0] * n[1] * n[2]],
+            vertex: vec![EMPTY; grid.n_cells()],
+            grid,
         };
         for (v, p) in vertices.iter().enumerate() {
-            if let Some(cell) = cells.cell_of(p) {
+            if let Some(cell) = cells.grid.cell_of(p) {
                 cells.offer(cell, v as u32, vertices);
             }
         }
@@ -58,34 +45,18 @@ impl NearestCells {
 
     /// A vertex near a point; none outside the grid.
     pub(crate) fn vertex_near(&self, point: &Point3<f64>) -> Option<u32> {
-        let [i, j, k] = self.cell_of(point)?;
-        Some(self.vertex[self.index(i, j, k)]).filter(|&v| v != EMPTY)
-    }
-
-    fn index(&self, i: usize, j: usize, k: usize) -> usize {
-        (k * self.n[1] + j) * self.n[0] + i
-    }
-
-    fn cell_of(&self, point: &Point3<f64>) -> Option<[usize; 3]> {
-        let mut cell = [0; 3];
-        for (axis, place) in cell.iter_mut().enumerate() {
-            let x = (point[axis] - self.low[axis]) / self.cell_mm;
-            // Written so that NaN is outside.
-            if !(x >= 0.0 && x < self.n[axis] as f64) {
-                return None;
-            }
-            *place = x as usize;
-        }
-        Some(cell)
+        let cell = self.grid.cell_of(point)?;
+        Some(self.vertex[self.grid.index(cell)]).filter(|&v| v != EMPTY)
     }
 
     fn middle(&self, cell: [usize; 3]) -> Point3<f64> {
-        self.low + Vector3::from_fn(|axis, _| (cell[axis] as f64 + 0.5) * self.cell_mm)
+        let cells = Vector3::from_fn(|axis, _| cell[axis] as f64 + 0.5);
+        self.grid.place(&cells)
     }
 
     /// Gives a vertex to a cell if it is nearer to its middle than the one it has.
     fn offer(&mut self, cell: [usize; 3], vertex: u32, vertices: &[Point3<f64>]) {
-        let at = self.index(cell[0], cell[1], cell[2]);
+        let at = self.grid.index(cell);
         let own = self.vertex[at];
         if own == vertex {
             return;
@@ -99,7 +70,7 @@ impl NearestCells {
 
     /// Takes vertices over from the neighbours before and behind along each axis, to and fro.
     fn sweep(&mut self, vertices: &[Point3<f64>]) {
-        let [nx, ny, nz] = self.n;
+        let [nx, ny, nz] = self.grid.n;
         for is_forward in [true, false, true, false] {
             let order = |i: usize, n: usize| if is_forward { i } else { n - 1 - i };
             let before = |i: usize, n: usize| {
@@ -127,7 +98,7 @@ impl NearestCells {
                             .map(|i| (i, j, k)),
                         ];
                         for (a, b, c) in others.into_iter().flatten() {
-                            let vertex = self.vertex[self.index(a, b, c)];
+                            let vertex = self.vertex[self.grid.index([a, b, c])];
                             if vertex != EMPTY {
                                 self.offer([i, j, k], vertex, vertices);
                             }
@@ -142,28 +113,14 @@ impl NearestCells {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cell_grid::tests::{places, shell};
 
     #[test]
     fn the_vertex_of_a_cell_is_nearly_the_nearest() {
-        // A bumpy shell.
-        let vertices: Vec<Point3<f64>> = (0..4000)
-            .map(|i| {
-                let t = f64::from(i) * 2.399_963;
-                let z = 1.0 - 2.0 * (f64::from(i) + 0.5) / 4000.0;
-                let r = 20.0 + 3.0 * (5.0 * t).sin() * z;
-                let w = (1.0 - z * z).sqrt();
-                Point3::new(r * w * t.cos(), r * w * t.sin(), r * z)
-            })
-            .collect();
+        let vertices = shell(4000);
         let cells = NearestCells::new(&vertices);
         let mut worst = 0.0;
-        for i in 0..3000 {
-            let t = f64::from(i) * 0.37;
-            let p = Point3::new(
-                28.0 * t.sin(),
-                28.0 * (1.7 * t).cos(),
-                28.0 * (0.6 * t).sin(),
-            );
+        for p in places(3000, 28.0) {
             let near = cells.vertex_near(&p).unwrap();
             let least = vertices
                 .iter()
@@ -177,11 +134,6 @@ mod tests {
             cells.vertex_near(&Point3::new(90.0, 0.0, 0.0)),
             None,
             "outside the grid"
-        );
-        assert_eq!(
-            cells.vertex_near(&Point3::new(f64::NAN, 0.0, 0.0)),
-            None,
-            "nowhere"
         );
     }
 }

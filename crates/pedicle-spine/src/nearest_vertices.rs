@@ -12,10 +12,10 @@
 
 use nalgebra::{Point3, Vector3};
 
+use crate::cell_grid::CellGrid;
+
 /// Smallest edge of a cell, mm.
 const LEAST_CELL_MM: f64 = 1.5;
-/// The grid reaches this far beyond the vertices, mm: most gates of a search; farther points are asked of the tree.
-pub(crate) const MARGIN_MM: f64 = 16.0;
 /// Most cells; a larger grid has larger cells.
 const MAX_CELLS: f64 = 1e6;
 /// So few vertices are looked through rather than told apart by smaller cells.
@@ -26,9 +26,7 @@ const ROUNDING: f64 = 1e-9;
 /// The grid around one surface.
 #[derive(Debug)]
 pub(crate) struct NearestVertices {
-    low: Point3<f64>,
-    cell_mm: f64,
-    n: [usize; 3],
+    grid: CellGrid,
     /// Begin and end of the vertices of every cell.
     ranges: Vec<[u32; 2]>,
     candidates: Vec<u32>,
@@ -37,23 +35,16 @@ pub(crate) struct NearestVertices {
 impl NearestVertices {
     /// Fills the grid with cells of about the distance between vertices. There must be a vertex.
     pub(crate) fn new(vertices: &[Point3<f64>], spacing_mm: f64) -> Self {
-        let (mut low, mut high) = (vertices[0].coords, vertices[0].coords);
-        for p in vertices {
-            (low, high) = (low.inf(&p.coords), high.sup(&p.coords));
-        }
-        let margin = Vector3::repeat(MARGIN_MM);
-        let low = Point3::from(low - margin);
-        let size = Point3::from(high + margin) - low;
-        let least = (size.product() / MAX_CELLS).cbrt();
-        let cell_mm = [LEAST_CELL_MM, spacing_mm, least]
-            .into_iter()
-            .fold(0.0, |most, edge| if edge > most { edge } else { most });
-        let n = [0, 1, 2].map(|k| (size[k] / cell_mm) as usize + 1);
+        let edge_mm = if spacing_mm > LEAST_CELL_MM {
+            spacing_mm
+        } else {
+            LEAST_CELL_MM
+        };
+        let grid = CellGrid::around(vertices, edge_mm, MAX_CELLS);
+        let n = grid.n;
         let mut cells = Self {
-            low,
-            cell_mm,
-            n,
-            ranges: vec![[0; 2]; n[0] * n[1] * n[2]],
+            ranges: vec![[0; 2]; grid.n_cells()],
+            grid,
             candidates: Vec::new(),
         };
         let all: Vec<u32> = (0..vertices.len() as u32).collect();
@@ -67,16 +58,7 @@ impl NearestVertices {
         point: &Point3<f64>,
         vertices: &[Point3<f64>],
     ) -> Option<(u32, f64)> {
-        let mut at = [0; 3];
-        for (axis, place) in at.iter_mut().enumerate() {
-            let x = (point[axis] - self.low[axis]) / self.cell_mm;
-            // Written so that NaN is outside.
-            if !(x >= 0.0 && x < self.n[axis] as f64) {
-                return None;
-            }
-            *place = x as usize;
-        }
-        let [begin, end] = self.ranges[self.index(at)];
+        let [begin, end] = self.ranges[self.grid.index(self.grid.cell_of(point)?)];
         let mut best = (u32::MAX, f64::INFINITY);
         for &v in &self.candidates[begin as usize..end as usize] {
             let squared = (vertices[v as usize] - point).norm_squared();
@@ -85,10 +67,6 @@ impl NearestVertices {
             }
         }
         Some(best)
-    }
-
-    fn index(&self, [i, j, k]: [usize; 3]) -> usize {
-        (k * self.n[1] + j) * self.n[0] + i
     }
 
     /// Hands the vertices that matter within a box of cells on to its halves.
@@ -107,7 +85,8 @@ impl NearestVertices {
             let range = [begin, self.candidates.len() as u32];
             for k in from[2]..to[2] {
                 for j in from[1]..to[1] {
-                    let (first, last) = (self.index([from[0], j, k]), self.index([to[0], j, k]));
+                    let row = |i: usize| self.grid.index([i, j, k]);
+                    let (first, last) = (row(from[0]), row(to[0]));
                     self.ranges[first..last].fill(range);
                 }
             }
@@ -128,9 +107,8 @@ impl NearestVertices {
         [from, to]: [[usize; 3]; 2],
         given: &[u32],
     ) -> Vec<u32> {
-        let place = |cells: Vector3<f64>| self.low + cells * self.cell_mm;
-        let low = place(Vector3::from_fn(|k, _| from[k] as f64));
-        let high = place(Vector3::from_fn(|k, _| to[k] as f64));
+        let place = |cell: [usize; 3]| self.grid.place(&Vector3::from_fn(|k, _| cell[k] as f64));
+        let (low, high) = (place(from), place(to));
         let middle = nalgebra::center(&low, &high);
         let edges = (high - low) * (1.0 + ROUNDING);
         let squared = |v: u32| (vertices[v as usize] - middle).norm_squared();
@@ -154,27 +132,13 @@ impl NearestVertices {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cell_grid::tests::{places, shell};
 
     #[test]
     fn the_vertex_is_the_nearest_of_all() {
-        // A bumpy shell.
-        let vertices: Vec<Point3<f64>> = (0..1500)
-            .map(|i| {
-                let t = f64::from(i) * 2.399_963;
-                let z = 1.0 - 2.0 * (f64::from(i) + 0.5) / 1500.0;
-                let r = 20.0 + 3.0 * (5.0 * t).sin() * z;
-                let w = (1.0 - z * z).sqrt();
-                Point3::new(r * w * t.cos(), r * w * t.sin(), r * z)
-            })
-            .collect();
+        let vertices = shell(1500);
         let cells = NearestVertices::new(&vertices, 2.0);
-        for i in 0..4000 {
-            let t = f64::from(i) * 0.37;
-            let p = Point3::new(
-                33.0 * t.sin(),
-                33.0 * (1.7 * t).cos(),
-                33.0 * (0.6 * t).sin(),
-            );
+        for p in places(4000, 33.0) {
             let (_, found) = cells.nearest(&p, &vertices).unwrap();
             let least = vertices
                 .iter()
@@ -184,8 +148,6 @@ mod tests {
         }
         let far = Point3::new(90.0, 0.0, 0.0);
         assert_eq!(cells.nearest(&far, &vertices), None, "outside the grid");
-        let nowhere = Point3::new(f64::NAN, 0.0, 0.0);
-        assert_eq!(cells.nearest(&nowhere, &vertices), None, "nowhere");
         let most = cells
             .ranges
             .iter()

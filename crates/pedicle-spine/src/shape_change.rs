@@ -169,13 +169,15 @@ impl ShapeChange {
 
     /// All bones together that tell anything; none of no bones.
     pub(crate) fn of_spine(all: &[&Self]) -> Option<SpineChange> {
-        let all: Vec<&Self> = all.iter().copied().filter(|c| c.is_known()).collect();
-        let each: Vec<ChiSquared> = all.iter().filter_map(|c| Some(c.judged()?.1)).collect();
+        let (known, each): (Vec<&Self>, Vec<ChiSquared>) = all
+            .iter()
+            .filter_map(|change| Some((*change, change.judged()?.1)))
+            .unzip();
         let summed = ChiSquared {
             value: each.iter().map(|chi| chi.value).sum(),
             expected: each.iter().map(|chi| chi.expected).sum(),
         };
-        let (first, rest) = all.split_first()?;
+        let (first, rest) = known.split_first()?;
         let mut common: Self = (*first).clone();
         for change in rest {
             common.information += change.information;
