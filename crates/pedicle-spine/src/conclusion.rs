@@ -5,6 +5,7 @@ use pedicle_registration::PoseCovariance;
 use pedicle_trajectory::Plan;
 use rayon::prelude::*;
 
+use crate::evidence::{Deviations, Evidence};
 use crate::finish::SpineFit;
 use crate::landmark_evidence::{LandmarkEvidence, Tip, landmark_evidence};
 use crate::misfit::Misfit;
@@ -13,9 +14,9 @@ use crate::rejection::Rejection;
 use crate::search::Found;
 use crate::shape_change::{ShapeChange, SpineChange};
 use crate::uncertainty::{uncertainty, worst_of_pose};
-use crate::verdict::{
-    Deviations, Evidence, chain_rejections, pooled_rejection, rejections, second_smallest,
-};
+use crate::verdict::rejections;
+use crate::verdict_noise::second_smallest;
+use crate::verdict_together::{chain_rejections, pooled_rejection};
 use crate::{TrajectoryUncertainty, TransferredTrajectory, VerdictOptions, VertebraTransfer};
 
 /// All that the verdicts rest on.

@@ -53,6 +53,7 @@ mod closest_on_triangle;
 mod conclusion;
 mod enlarged;
 mod error;
+mod evidence;
 mod explained;
 mod finish;
 mod free_space;
@@ -88,6 +89,8 @@ mod tracker_verdict;
 mod transfer;
 mod uncertainty;
 mod verdict;
+mod verdict_noise;
+mod verdict_together;
 
 pub use error::{Shape, SpineError};
 pub use hypotheses::Origin;

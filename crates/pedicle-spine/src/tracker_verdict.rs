@@ -11,10 +11,12 @@
 use nalgebra::Isometry3;
 use pedicle_registration::pose_error;
 
+use crate::evidence::{Deviations, Evidence};
 use crate::tracker::SpineTracker;
 use crate::tracker_fit::{Fitted, Seen};
 use crate::uncertainty::worst_of_pose;
-use crate::verdict::{Deviations, Evidence, chain_rejections, rejections};
+use crate::verdict::rejections;
+use crate::verdict_together::chain_rejections;
 use crate::{LostReason, Rejection};
 
 /// The noise of a vertebra against that of the frames before: by factor and by excess, mm. A vertebra

@@ -1,99 +1,10 @@
 //! Whether the transfer of a vertebra can be vouched for, and if not, why.
 
-use nalgebra::{Isometry3, Point3};
-use pedicle_trajectory::Level;
-
 use crate::VerdictOptions;
-use crate::finish::TELLS_TISSUE_MM;
-use crate::misfit::{Misfit, PATCH_MM};
+use crate::evidence::{Deviations, Evidence};
+use crate::misfit::PATCH_MM;
 use crate::rejection::Rejection;
-
-/// The figures that the verdict on one vertebra rests on.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Evidence {
-    pub(crate) n_points: usize,
-    pub(crate) posterior_coverage: f64,
-    pub(crate) explained_share: f64,
-    pub(crate) noise_mm: f64,
-    /// Median noise of all vertebrae.
-    pub(crate) others_noise_mm: f64,
-    /// The same of a whole target; of a frame the vertebra's own, for those that are lost fit to anything.
-    pub(crate) target_noise_mm: f64,
-    /// Noise of the second quietest of the other vertebrae.
-    pub(crate) quiet_noise_mm: f64,
-    /// Whether a camera is known that saw the points.
-    pub(crate) is_from_camera: bool,
-    /// Whether its points are weighed by what they probably are. Those of a tracker are not.
-    pub(crate) tells_tissue: bool,
-    /// Standard deviations; none if there is no fit.
-    pub(crate) deviations: Option<Deviations>,
-    pub(crate) unexplained_share: f64,
-    pub(crate) level_margin: f64,
-    /// Whether the names of the landmarks agree with the levels found.
-    pub(crate) landmarks_support_levels: bool,
-    pub(crate) alternative_margin: f64,
-    /// None without a landmark.
-    pub(crate) landmark_distance_mm: Option<f64>,
-    pub(crate) misfit: Misfit,
-    /// Share of the bone that the camera saw through.
-    pub(crate) seen_through: f64,
-    /// Of the points close to it the share in front of it.
-    pub(crate) hidden_share: f64,
-    /// Noise of the target estimated from it alone.
-    pub(crate) sensor_noise_mm: Option<f64>,
-    /// Area of the bare bone that a camera saw, mm²; none without a camera, and where its points lie too far apart.
-    pub(crate) bare_area_mm2: Option<f64>,
-}
-
-/// Standard deviations of a pose in the worst direction: of the vertebra's centroid, of its
-/// orientation, and of the worst end of a planned screw.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Deviations {
-    pub(crate) position_mm: f64,
-    pub(crate) orientation_rad: f64,
-    pub(crate) screw_mm: f64,
-    /// Largest probability that a screw breaches the cortex.
-    pub(crate) breach_probability: f64,
-}
-
-/// Vertebrae this much noisier than the median may be other vertebrae: a wrong level fits to
-/// about one and a half to three times the noise of the right one.
-const MAX_NOISE_RATIO: f64 = 1.35;
-/// And at least this much, mm: without noise the ratio means nothing.
-const MIN_NOISE_EXCESS_MM: f64 = 0.15;
-
-/// The noise of one bone of a target at the limit may be larger by this factor.
-const MAX_OWN_NOISE_RATIO: f64 = 1.1;
-
-/// Right poses fit to 0.8 to 1.1 of the noise of the sensor, wrong ones among tissue to 1.05 and more.
-const MAX_SENSOR_RATIO: f64 = 1.15;
-/// Where bone is told from tissue by patches, right poses fit to 0.85 to 1.05 of it, some of the wrong ones to 1.09.
-const MAX_TOLD_RATIO: f64 = 1.08;
-/// The estimate from patches may be too low by this factor, as the quieter bones of the spine show: at a noise of 0.8 to
-/// 1 mm it is by 8 to 12 %.
-const MAX_QUIET_RATIO: f64 = 1.15;
-/// What the steps of the sensor add to its noise, mm.
-const SENSOR_FLOOR_MM: f64 = 0.03;
-
-/// Noise of the sensor as its points and the quieter bones show it: tissue makes single bones noisier, and a patch of
-/// few noisy points is smoother than the bone.
-fn sensor_shown_mm(sensor_mm: f64, quiet_noise_mm: f64) -> f64 {
-    let most_mm = MAX_QUIET_RATIO * sensor_mm;
-    if quiet_noise_mm > most_mm {
-        most_mm
-    } else if quiet_noise_mm > sensor_mm {
-        quiet_noise_mm
-    } else {
-        sensor_mm
-    }
-}
-
-/// The second smallest of some noises; NaN of fewer than two.
-pub(crate) fn second_smallest(mut noises_mm: Vec<f64>) -> f64 {
-    noises_mm.retain(|x| !x.is_nan());
-    noises_mm.sort_by(f64::total_cmp);
-    noises_mm.get(1).copied().unwrap_or(f64::NAN)
-}
+use crate::verdict_noise::{noise_of_sensor, noise_of_target};
 
 /// Every reason not to accept.
 pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<Rejection> {
@@ -130,40 +41,15 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
             min: options.min_explained_share,
         },
     );
-    let max_noise_mm = if evidence.is_from_camera {
-        options.max_noise_of_camera_mm
-    } else {
-        options.max_noise_mm
-    };
-    // One bone of a noisy target may fit by chance as if it were not.
-    let own_mm = evidence.noise_mm / MAX_OWN_NOISE_RATIO;
-    let noise_mm = if evidence.target_noise_mm > own_mm {
-        evidence.target_noise_mm
-    } else {
-        own_mm
-    };
-    demand(
-        noise_mm <= max_noise_mm,
-        Rejection::Noisy {
-            noise_mm,
-            max_mm: max_noise_mm,
-        },
-    );
+    for reason in noise_of_target(evidence, options) {
+        demand(false, reason);
+    }
     let Deviations {
         position_mm: std_mm,
         orientation_rad: std_rad,
         screw_mm,
         breach_probability,
     } = deviations;
-    let others_mm = evidence.others_noise_mm;
-    demand(
-        evidence.noise_mm <= MAX_NOISE_RATIO * others_mm
-            || evidence.noise_mm <= others_mm + MIN_NOISE_EXCESS_MM,
-        Rejection::NoisierThanOthers {
-            noise_mm: evidence.noise_mm,
-            others_mm,
-        },
-    );
     demand(
         evidence.unexplained_share <= options.max_unexplained_share,
         Rejection::UnexplainedSurface {
@@ -236,21 +122,8 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
         }
     }
     let misfit = evidence.misfit;
-    if let Some(sensor_mm) = evidence.sensor_noise_mm {
-        let is_told = evidence.tells_tissue && sensor_mm <= TELLS_TISSUE_MM;
-        let shown_mm = sensor_shown_mm(sensor_mm, evidence.quiet_noise_mm);
-        let most_mm = if is_told {
-            MAX_TOLD_RATIO * shown_mm
-        } else {
-            MAX_SENSOR_RATIO * shown_mm + SENSOR_FLOOR_MM
-        };
-        demand(
-            evidence.noise_mm <= most_mm,
-            Rejection::NoisierThanSensor {
-                noise_mm: evidence.noise_mm,
-                sensor_mm,
-            },
-        );
+    if let Some(reason) = noise_of_sensor(evidence) {
+        demand(false, reason);
     }
     let max_misfit_mm = match evidence.sensor_noise_mm {
         Some(_) => options.max_misfit_of_sensor_mm,
@@ -289,54 +162,11 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
     found
 }
 
-/// What the shapes of all vertebrae that are trusted otherwise say together: bumps that noise hides on
-/// one bone show on five.
-pub(crate) fn pooled_rejection(misfits: &[Misfit], options: &VerdictOptions) -> Option<Rejection> {
-    if misfits.is_empty() {
-        return None;
-    }
-    let pooled = Misfit::pooled(misfits);
-    let holds = pooled.beyond_noise_mm2(options.pooled_misfit_in_sigma)
-        <= options.max_misfit_mm * options.max_misfit_mm;
-    (!holds).then(|| Rejection::SpineDiffers {
-        misfit_mm: pooled.depth_mm(),
-        patch_mm: PATCH_MM,
-    })
-}
-
-/// What the chain says of a vertebra and a neighbour that are both trusted otherwise: each as
-/// `target_from_source` and its centroid in the source.
-pub(crate) fn chain_rejections(
-    own: (&Isometry3<f64>, &Point3<f64>),
-    other: (&Isometry3<f64>, &Point3<f64>),
-    neighbour: Level,
-    options: &VerdictOptions,
-) -> Vec<Rejection> {
-    let mut found = Vec::new();
-    let turn_rad = (own.0.rotation.inverse() * other.0.rotation).angle();
-    let max_rad = options.max_neighbour_turn_rad;
-    if turn_rad > max_rad {
-        found.push(Rejection::TurnedAgainstNeighbour {
-            neighbour,
-            turn_rad,
-            max_rad,
-        });
-    }
-    let expected_mm = (own.1 - other.1).norm();
-    let distance_mm = (own.0 * own.1 - other.0 * other.1).norm();
-    if (distance_mm - expected_mm).abs() > options.max_neighbour_shift_mm {
-        found.push(Rejection::SpacedWrongly {
-            neighbour,
-            distance_mm,
-            expected_mm,
-        });
-    }
-    found
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::misfit::Misfit;
+    use crate::verdict_noise::second_smallest;
 
     /// Makes one figure of good evidence bad.
     type Spoil = Box<dyn Fn(&mut Evidence)>;
@@ -382,55 +212,8 @@ mod tests {
     }
 
     #[test]
-    fn the_chain_names_the_neighbour() {
-        let options = VerdictOptions::default();
-        let centroids = (Point3::origin(), Point3::new(0.0, 0.0, -35.0));
-        let judge = |angle: f64, shift: f64| {
-            let rotated = Isometry3::rotation(nalgebra::Vector3::new(0.0, 0.0, angle));
-            let moved = nalgebra::Translation3::new(0.0, 0.0, shift) * rotated;
-            let own = Isometry3::identity();
-            chain_rejections(
-                (&own, &centroids.0),
-                (&moved, &centroids.1),
-                Level::L2,
-                &options,
-            )
-        };
-        assert_eq!(judge(0.5, 5.0), vec![], "within the limits");
-        let words = |found: Vec<Rejection>| -> Vec<String> {
-            found.iter().map(ToString::to_string).collect()
-        };
-        let turned = words(judge(1.0, 0.0));
-        assert!(
-            turned.len() == 1 && turned[0].contains("57° against L2"),
-            "{turned:?}"
-        );
-        let shifted = words(judge(0.0, -20.0));
-        assert!(
-            shifted.len() == 1 && shifted[0].contains("55 mm from L2"),
-            "{shifted:?}"
-        );
-    }
-
-    #[test]
     fn good_evidence_is_accepted() {
         assert_eq!(rejections(&good(), &VerdictOptions::default()), vec![]);
-    }
-
-    #[test]
-    fn bumps_that_noise_hides_on_one_bone_show_on_all() {
-        let options = VerdictOptions::default();
-        let hidden = Misfit {
-            covariance_mm2: 0.4,
-            by_noise_mm2: 0.2,
-            deviation_mm2: 0.1,
-            ..NOISE_ONLY
-        };
-        assert_eq!(pooled_rejection(&[hidden], &options), None, "one alone");
-        let found = pooled_rejection(&[hidden; 5], &options).map(|r| r.to_string());
-        assert!(found.is_some_and(|r| r.contains("together")), "all five");
-        assert_eq!(pooled_rejection(&[NOISE_ONLY; 5], &options), None, "noise");
-        assert_eq!(pooled_rejection(&[], &options), None, "nobody is trusted");
     }
 
     #[test]

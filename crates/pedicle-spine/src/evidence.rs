@@ -1,0 +1,51 @@
+//! The figures that a verdict rests on.
+
+use crate::misfit::Misfit;
+
+/// The figures that the verdict on one vertebra rests on.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Evidence {
+    pub(crate) n_points: usize,
+    pub(crate) posterior_coverage: f64,
+    pub(crate) explained_share: f64,
+    pub(crate) noise_mm: f64,
+    /// Median noise of all vertebrae.
+    pub(crate) others_noise_mm: f64,
+    /// The same of a whole target; of a frame the vertebra's own, for those that are lost fit to anything.
+    pub(crate) target_noise_mm: f64,
+    /// Noise of the second quietest of the other vertebrae.
+    pub(crate) quiet_noise_mm: f64,
+    /// Whether a camera is known that saw the points.
+    pub(crate) is_from_camera: bool,
+    /// Whether its points are weighed by what they probably are. Those of a tracker are not.
+    pub(crate) tells_tissue: bool,
+    /// Standard deviations; none if there is no fit.
+    pub(crate) deviations: Option<Deviations>,
+    pub(crate) unexplained_share: f64,
+    pub(crate) level_margin: f64,
+    /// Whether the names of the landmarks agree with the levels found.
+    pub(crate) landmarks_support_levels: bool,
+    pub(crate) alternative_margin: f64,
+    /// None without a landmark.
+    pub(crate) landmark_distance_mm: Option<f64>,
+    pub(crate) misfit: Misfit,
+    /// Share of the bone that the camera saw through.
+    pub(crate) seen_through: f64,
+    /// Of the points close to it the share in front of it.
+    pub(crate) hidden_share: f64,
+    /// Noise of the target estimated from it alone.
+    pub(crate) sensor_noise_mm: Option<f64>,
+    /// Area of the bare bone that a camera saw, mm²; none without a camera, and where its points lie too far apart.
+    pub(crate) bare_area_mm2: Option<f64>,
+}
+
+/// Standard deviations of a pose in the worst direction: of the vertebra's centroid, of its
+/// orientation, and of the worst end of a planned screw.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Deviations {
+    pub(crate) position_mm: f64,
+    pub(crate) orientation_rad: f64,
+    pub(crate) screw_mm: f64,
+    /// Largest probability that a screw breaches the cortex.
+    pub(crate) breach_probability: f64,
+}

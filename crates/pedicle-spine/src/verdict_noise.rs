@@ -1,0 +1,87 @@
+//! What the noise of a fit says against it: the target's, the other vertebrae's, the sensor's own.
+
+use crate::VerdictOptions;
+use crate::evidence::Evidence;
+use crate::finish::TELLS_TISSUE_MM;
+use crate::rejection::Rejection;
+
+/// Vertebrae this much noisier than the median may be other vertebrae: a wrong level fits to
+/// about one and a half to three times the noise of the right one.
+const MAX_NOISE_RATIO: f64 = 1.35;
+/// And at least this much, mm: without noise the ratio means nothing.
+const MIN_NOISE_EXCESS_MM: f64 = 0.15;
+
+/// The noise of one bone of a target at the limit may be larger by this factor.
+const MAX_OWN_NOISE_RATIO: f64 = 1.1;
+
+/// Right poses fit to 0.8 to 1.1 of the noise of the sensor, wrong ones among tissue to 1.05 and more.
+const MAX_SENSOR_RATIO: f64 = 1.15;
+/// Where bone is told from tissue by patches, right poses fit to 0.85 to 1.05 of it, some of the wrong ones to 1.09.
+const MAX_TOLD_RATIO: f64 = 1.08;
+/// The estimate from patches may be too low by this factor, as the quieter bones of the spine show: at a noise of 0.8 to
+/// 1 mm it is by 8 to 12 %.
+const MAX_QUIET_RATIO: f64 = 1.15;
+/// What the steps of the sensor add to its noise, mm.
+const SENSOR_FLOOR_MM: f64 = 0.03;
+
+/// Noise of the sensor as its points and the quieter bones show it: tissue makes single bones noisier, and a patch of
+/// few noisy points is smoother than the bone.
+fn sensor_shown_mm(sensor_mm: f64, quiet_noise_mm: f64) -> f64 {
+    let most_mm = MAX_QUIET_RATIO * sensor_mm;
+    if quiet_noise_mm > most_mm {
+        most_mm
+    } else if quiet_noise_mm > sensor_mm {
+        quiet_noise_mm
+    } else {
+        sensor_mm
+    }
+}
+
+/// The second smallest of some noises; NaN of fewer than two.
+pub(crate) fn second_smallest(mut noises_mm: Vec<f64>) -> f64 {
+    noises_mm.retain(|x| !x.is_nan());
+    noises_mm.sort_by(f64::total_cmp);
+    noises_mm.get(1).copied().unwrap_or(f64::NAN)
+}
+
+/// Against the limit of the target and against the other vertebrae. A NaN never holds.
+pub(crate) fn noise_of_target(evidence: &Evidence, options: &VerdictOptions) -> Vec<Rejection> {
+    let max_mm = if evidence.is_from_camera {
+        options.max_noise_of_camera_mm
+    } else {
+        options.max_noise_mm
+    };
+    // One bone of a noisy target may fit by chance as if it were not.
+    let own_mm = evidence.noise_mm / MAX_OWN_NOISE_RATIO;
+    let noise_mm = if evidence.target_noise_mm > own_mm {
+        evidence.target_noise_mm
+    } else {
+        own_mm
+    };
+    let is_quiet = noise_mm <= max_mm;
+    let others_mm = evidence.others_noise_mm;
+    let is_as_others = evidence.noise_mm <= MAX_NOISE_RATIO * others_mm
+        || evidence.noise_mm <= others_mm + MIN_NOISE_EXCESS_MM;
+    let of_target = (!is_quiet).then_some(Rejection::Noisy { noise_mm, max_mm });
+    let of_others = (!is_as_others).then_some(Rejection::NoisierThanOthers {
+        noise_mm: evidence.noise_mm,
+        others_mm,
+    });
+    of_target.into_iter().chain(of_others).collect()
+}
+
+/// Against what the sensor errs by, where its points tell that. A NaN never holds.
+pub(crate) fn noise_of_sensor(evidence: &Evidence) -> Option<Rejection> {
+    let sensor_mm = evidence.sensor_noise_mm?;
+    let shown_mm = sensor_shown_mm(sensor_mm, evidence.quiet_noise_mm);
+    let most_mm = if evidence.tells_tissue && sensor_mm <= TELLS_TISSUE_MM {
+        MAX_TOLD_RATIO * shown_mm
+    } else {
+        MAX_SENSOR_RATIO * shown_mm + SENSOR_FLOOR_MM
+    };
+    let holds = evidence.noise_mm <= most_mm;
+    (!holds).then_some(Rejection::NoisierThanSensor {
+        noise_mm: evidence.noise_mm,
+        sensor_mm,
+    })
+}

@@ -1,0 +1,113 @@
+//! What vertebrae say of each other: the shapes of all, and neighbours of a chain.
+
+use nalgebra::{Isometry3, Point3};
+use pedicle_trajectory::Level;
+
+use crate::VerdictOptions;
+use crate::misfit::{Misfit, PATCH_MM};
+use crate::rejection::Rejection;
+
+/// What the shapes of all vertebrae that are trusted otherwise say together: bumps that noise hides on
+/// one bone show on five.
+pub(crate) fn pooled_rejection(misfits: &[Misfit], options: &VerdictOptions) -> Option<Rejection> {
+    if misfits.is_empty() {
+        return None;
+    }
+    let pooled = Misfit::pooled(misfits);
+    let holds = pooled.beyond_noise_mm2(options.pooled_misfit_in_sigma)
+        <= options.max_misfit_mm * options.max_misfit_mm;
+    (!holds).then(|| Rejection::SpineDiffers {
+        misfit_mm: pooled.depth_mm(),
+        patch_mm: PATCH_MM,
+    })
+}
+
+/// What the chain says of a vertebra and a neighbour that are both trusted otherwise: each as
+/// `target_from_source` and its centroid in the source.
+pub(crate) fn chain_rejections(
+    own: (&Isometry3<f64>, &Point3<f64>),
+    other: (&Isometry3<f64>, &Point3<f64>),
+    neighbour: Level,
+    options: &VerdictOptions,
+) -> Vec<Rejection> {
+    let mut found = Vec::new();
+    let turn_rad = (own.0.rotation.inverse() * other.0.rotation).angle();
+    let max_rad = options.max_neighbour_turn_rad;
+    if turn_rad > max_rad {
+        found.push(Rejection::TurnedAgainstNeighbour {
+            neighbour,
+            turn_rad,
+            max_rad,
+        });
+    }
+    let expected_mm = (own.1 - other.1).norm();
+    let distance_mm = (own.0 * own.1 - other.0 * other.1).norm();
+    if (distance_mm - expected_mm).abs() > options.max_neighbour_shift_mm {
+        found.push(Rejection::SpacedWrongly {
+            neighbour,
+            distance_mm,
+            expected_mm,
+        });
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NOISE_ONLY: Misfit = Misfit {
+        covariance_mm2: 0.002,
+        by_noise_mm2: 0.001,
+        deviation_mm2: 0.005,
+        pairs_over_variance: 1.0,
+        n_pairs: 500,
+    };
+
+    #[test]
+    fn the_chain_names_the_neighbour() {
+        let options = VerdictOptions::default();
+        let centroids = (Point3::origin(), Point3::new(0.0, 0.0, -35.0));
+        let judge = |angle: f64, shift: f64| {
+            let rotated = Isometry3::rotation(nalgebra::Vector3::new(0.0, 0.0, angle));
+            let moved = nalgebra::Translation3::new(0.0, 0.0, shift) * rotated;
+            let own = Isometry3::identity();
+            chain_rejections(
+                (&own, &centroids.0),
+                (&moved, &centroids.1),
+                Level::L2,
+                &options,
+            )
+        };
+        assert_eq!(judge(0.5, 5.0), vec![], "within the limits");
+        let words = |found: Vec<Rejection>| -> Vec<String> {
+            found.iter().map(ToString::to_string).collect()
+        };
+        let turned = words(judge(1.0, 0.0));
+        assert!(
+            turned.len() == 1 && turned[0].contains("57° against L2"),
+            "{turned:?}"
+        );
+        let shifted = words(judge(0.0, -20.0));
+        assert!(
+            shifted.len() == 1 && shifted[0].contains("55 mm from L2"),
+            "{shifted:?}"
+        );
+    }
+
+    #[test]
+    fn bumps_that_noise_hides_on_one_bone_show_on_all() {
+        let options = VerdictOptions::default();
+        let hidden = Misfit {
+            covariance_mm2: 0.4,
+            by_noise_mm2: 0.2,
+            deviation_mm2: 0.1,
+            ..NOISE_ONLY
+        };
+        assert_eq!(pooled_rejection(&[hidden], &options), None, "one alone");
+        let found = pooled_rejection(&[hidden; 5], &options).map(|r| r.to_string());
+        assert!(found.is_some_and(|r| r.contains("together")), "all five");
+        assert_eq!(pooled_rejection(&[NOISE_ONLY; 5], &options), None, "noise");
+        assert_eq!(pooled_rejection(&[], &options), None, "nobody is trusted");
+    }
+}
