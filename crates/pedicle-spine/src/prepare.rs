@@ -173,16 +173,24 @@ pub(crate) struct Local {
     pub(crate) patches: Vec<Vec<u32>>,
 }
 
-/// None if the points lie so far apart that half of the patches are larger than this radius.
-pub(crate) fn local_shape(
-    points: &[Point3<f64>],
-    largest_patch_mm: f64,
-) -> Result<Option<Local>, SpineError> {
-    let tree = tree_of(points)?;
-    let wanted = NonZero::<usize>::MIN.saturating_add(PATCH_NEIGHBORS - 1);
-    let patch_of = |p: &Point3<f64>| {
+/// Points in which patches are looked for.
+struct Patches<'a> {
+    points: &'a [Point3<f64>],
+    tree: ImmutableKdTree<f64, 3>,
+}
+
+impl<'a> Patches<'a> {
+    fn new(points: &'a [Point3<f64>]) -> Result<Self, SpineError> {
+        let tree = tree_of(points)?;
+        Ok(Self { points, tree })
+    }
+
+    /// The nearest points of one and the distance of the farthest of them.
+    fn around(&self, p: &Point3<f64>) -> (f64, Vec<u32>) {
         let row: [f64; 3] = p.coords.into();
-        let found = tree
+        let wanted = NonZero::<usize>::MIN.saturating_add(PATCH_NEIGHBORS - 1);
+        let found = self
+            .tree
             .query(&row)
             .nearest_n::<SquaredEuclidean<f64>>(wanted)
             .execute();
@@ -195,38 +203,58 @@ pub(crate) fn local_shape(
         let radius = patch.last().map_or(f64::INFINITY, |(d, _)| d.sqrt());
         let near: Vec<u32> = patch.into_iter().map(|(_, i)| i).collect();
         (radius, near)
-    };
-    let positions =
-        |patch: &[u32]| -> Vec<Point3<f64>> { patch.iter().map(|&i| points[i as usize]).collect() };
-    let stride = points.len().div_ceil(NOISE_SAMPLES).max(1);
-    let (mut radii, mut noise): (Vec<f64>, Vec<f64>) = points
-        .iter()
-        .step_by(stride)
-        .collect::<Vec<_>>()
-        .into_par_iter()
-        .filter_map(|p| {
-            let (radius, patch) = patch_of(p);
-            Some((radius, quadric_deviation(&positions(&patch))?))
-        })
-        .unzip();
-    radii.sort_by(f64::total_cmp);
-    noise.sort_by(f64::total_cmp);
-    if radii
-        .get(radii.len() / 2)
-        .is_none_or(|&radius| radius > largest_patch_mm)
-    {
-        return Ok(None);
     }
+
+    fn positions(&self, patch: &[u32]) -> Vec<Point3<f64>> {
+        patch.iter().map(|&i| self.points[i as usize]).collect()
+    }
+
+    /// Median noise of some patches; none if half of them are larger than this radius.
+    fn noise_mm(&self, largest_patch_mm: f64) -> Option<f64> {
+        let stride = self.points.len().div_ceil(NOISE_SAMPLES).max(1);
+        let samples: Vec<&Point3<f64>> = self.points.iter().step_by(stride).collect();
+        let (mut radii, mut noise): (Vec<f64>, Vec<f64>) = samples
+            .into_par_iter()
+            .filter_map(|p| {
+                let (radius, patch) = self.around(p);
+                Some((radius, quadric_deviation(&self.positions(&patch))?))
+            })
+            .unzip();
+        radii.sort_by(f64::total_cmp);
+        noise.sort_by(f64::total_cmp);
+        let middle = radii.len() / 2;
+        let is_dense = radii.get(middle).is_some_and(|r| *r <= largest_patch_mm);
+        is_dense.then(|| noise[middle])
+    }
+}
+
+/// The noise of dense points alone; none if half of their patches are larger than this radius.
+pub(crate) fn noise_of_points(
+    points: &[Point3<f64>],
+    largest_patch_mm: f64,
+) -> Result<Option<f64>, SpineError> {
+    Ok(Patches::new(points)?.noise_mm(largest_patch_mm))
+}
+
+/// None if the points lie so far apart that half of the patches are larger than this radius.
+pub(crate) fn local_shape(
+    points: &[Point3<f64>],
+    largest_patch_mm: f64,
+) -> Result<Option<Local>, SpineError> {
+    let patches = Patches::new(points)?;
+    let Some(noise_mm) = patches.noise_mm(largest_patch_mm) else {
+        return Ok(None);
+    };
     let (normals, patches) = points
         .par_iter()
         .map(|p| {
-            let patch = patch_of(p).1;
-            let axes = plane_of(&positions(&patch)).1;
+            let patch = patches.around(p).1;
+            let axes = plane_of(&patches.positions(&patch)).1;
             (axes.column(0).into_owned(), patch)
         })
         .unzip();
     Ok(Some(Local {
-        noise_mm: noise[noise.len() / 2],
+        noise_mm,
         normals,
         patches,
     }))

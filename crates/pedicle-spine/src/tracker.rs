@@ -7,14 +7,15 @@
 //! p_j are the points of the frame nearest to vertebra v, q_j and n_j the closest points of its
 //! source surface and the normals there, M the motion of the whole spine since the last frame.
 //!
-//! 1. The whole spine is moved as one body.
+//! 1. The whole spine is moved as one body, among the points that are near enough to be its own.
 //! 2. Points are given to vertebrae and every vertebra is fitted, in rounds of shrinking gates, on
 //!    the simplified surfaces; lost vertebrae afterwards, from where their neighbours' motion has
-//!    carried them.
+//!    carried them. Vertebrae that are not followed ride along and keep their points.
 //! 3. Fits on the full-resolution surfaces to the points of bare bone among a limited number. Among
 //!    points so dense that they have normals, vertebrae that were placed in the last frame go there at once.
 //! 4. What a transfer asks of a fit, jump and neighbours are checked. What fails is lost in this frame, and
-//!    said so.
+//!    said so. It is found again only near where it was vouched for last, carried along since: a fit that
+//!    nobody vouches for may help to look for it, and does not move that place.
 //!
 //! Points and poses are in the frame of the sensor, mm. The same frames give the same poses.
 
@@ -25,6 +26,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::tracker_fit::Fitted;
 use crate::tracker_verdict::median;
+use crate::verdict_noise::second_smallest;
 use crate::{
     LostReason, SensorView, SpineError, SpineModel, TrackState, TrackedFrame, TrackedVertebra,
     TrackerOptions, Transfer,
@@ -39,11 +41,20 @@ const NOISE_MEMORY: f64 = 0.2;
 #[derive(Debug, Clone)]
 pub(crate) struct Track {
     pub(crate) pose: Isometry3<f64>,
+    /// Where it was vouched for last, carried along since.
+    pub(crate) anchor: Isometry3<f64>,
     /// Whether the first result vouched for it.
     pub(crate) is_followed: bool,
-    /// Whether the pose is a fit of the last frame, although nobody vouches for it.
+    /// Whether the pose is a fit of the last frame near the anchor, although nobody vouches for it.
     pub(crate) is_guessed: bool,
     pub(crate) n_frames_lost: usize,
+}
+
+impl Track {
+    /// Whether nobody knows even nearly where it is.
+    pub(crate) fn is_sought(&self) -> bool {
+        self.n_frames_lost > 0 && !self.is_guessed
+    }
 }
 
 /// Follows the vertebrae of a spine through the frames of a sensor, from a first result on.
@@ -57,8 +68,10 @@ pub struct SpineTracker<'a> {
     pub(crate) tracks: Vec<Track>,
     /// Running mean over the frames, mm; none before the first one.
     pub(crate) noise_mm: Option<f64>,
-    /// Noise of the sensor as the first result found it, mm.
+    /// Noise of the sensor as the first result found it, or the first frame that tells it, mm.
     pub(crate) sensor_noise_mm: Option<f64>,
+    /// Of the vertebrae that the first result vouches for, the second quietest, mm; NaN without two.
+    pub(crate) quiet_noise_mm: f64,
     pub(crate) view: Option<SensorView>,
     n_frames: u64,
 }
@@ -78,6 +91,7 @@ impl<'a> SpineTracker<'a> {
             .iter()
             .map(|v| Track {
                 pose: v.target_from_source,
+                anchor: v.target_from_source,
                 is_followed: v.accepted,
                 is_guessed: false,
                 n_frames_lost: 0,
@@ -86,6 +100,8 @@ impl<'a> SpineTracker<'a> {
         let mut tracker = Self::from_tracks(model, tracks, options)?;
         tracker.noise_mm = Some(transfer.noise_mm).filter(|noise| noise.is_finite());
         tracker.sensor_noise_mm = transfer.sensor_noise_mm;
+        let vouched_for = transfer.vertebrae.iter().filter(|v| v.accepted);
+        tracker.quiet_noise_mm = second_smallest(vouched_for.map(|v| v.noise_mm).collect());
         Ok(tracker)
     }
 
@@ -109,6 +125,7 @@ impl<'a> SpineTracker<'a> {
             .iter()
             .map(|pose| Track {
                 pose: *pose,
+                anchor: *pose,
                 is_followed: true,
                 is_guessed: false,
                 n_frames_lost: 0,
@@ -146,6 +163,7 @@ impl<'a> SpineTracker<'a> {
             tracks,
             noise_mm: None,
             sensor_noise_mm: None,
+            quiet_noise_mm: f64::NAN,
             view: None,
             n_frames: 0,
         })
@@ -158,16 +176,13 @@ impl<'a> SpineTracker<'a> {
     pub fn update(&mut self, points: &[Point3<f64>]) -> Result<TrackedFrame, SpineError> {
         check_points(points)?;
         let mut rng = ChaCha8Rng::seed_from_u64(self.options.seed ^ self.n_frames);
-        let search = thin_out(points, self.options.n_search_points, &mut rng);
+        let search = thin_out(&self.about(points), self.options.n_search_points, &mut rng);
 
         let moved = self.moved(&search);
-        let mut poses: Vec<Isometry3<f64>> = self
-            .tracks
-            .iter()
-            .map(|track| moved.unwrap_or_default() * track.pose)
-            .collect();
+        let motion = moved.unwrap_or_default();
+        let mut poses: Vec<Isometry3<f64>> = self.tracks.iter().map(|t| motion * t.pose).collect();
+        let expected: Vec<Isometry3<f64>> = self.tracks.iter().map(|t| motion * t.anchor).collect();
         let seen = self.seen(points, &poses, &mut rng)?;
-        let expected = poses.clone();
         let chosen = |f: &dyn Fn(&Track) -> bool| -> Vec<bool> {
             let chosen = self
                 .tracks
@@ -176,7 +191,7 @@ impl<'a> SpineTracker<'a> {
             chosen.collect()
         };
         let is_known = chosen(&|track| track.n_frames_lost == 0);
-        let is_lost = chosen(&|track| track.n_frames_lost > 0 && !track.is_guessed);
+        let is_lost = chosen(&Track::is_sought);
         let is_placed: Vec<bool> = is_lost.iter().map(|is_lost| !is_lost).collect();
         self.carry_unknown(&mut poses, &is_placed);
         // Among dense points the last fit finds its own way, and tissue would pull the search.
@@ -190,6 +205,7 @@ impl<'a> SpineTracker<'a> {
         let reasons = self.judged((&seen, &fits), (&expected, moved.is_some()));
         self.n_frames += 1;
         let guesses = self.guesses(&fits, &expected);
+        self.carry_anchors(&fits, &reasons, moved.as_ref());
         Ok(self.taken_over(&fits, &reasons, &guesses))
     }
 

@@ -23,17 +23,18 @@ use crate::finish::{Sensor, select};
 use crate::free_space::FreeSpace;
 use crate::misfit::{Misfit, misfit};
 use crate::points::PointSet;
-use crate::prepare::{local_shape, not_alone};
-use crate::tracker::{SpineTracker, thin_out};
+use crate::prepare::{local_shape, noise_of_points, not_alone};
+use crate::tracker::{SpineTracker, Track, thin_out};
 use crate::tracker_verdict::median;
 
 /// Points so near to a vertebra take part, mm: poses are right to a millimetre or two, and soft tissue
 /// close to the bone has to be seen.
 const NEAR_MM: f64 = 6.0;
-/// Normals come from patches no larger than this, mm: where the noise has to be told from them, and
-/// where it is known.
-const LARGEST_PATCH_MM: [f64; 2] = [5.0, 8.0];
-/// Rounds of choosing points and fitting, from which on a vertebra that was not lost takes part, and the
+/// Patches that tell the noise are no larger than this, mm.
+const NOISE_PATCH_MM: f64 = 5.0;
+/// Those that tell front from back may be larger.
+const NORMAL_PATCH_MM: f64 = 8.0;
+/// Rounds of choosing points and fitting, from which on a vertebra that need not be sought takes part, and the
 /// steps of each.
 const ROUNDS: usize = 5;
 const KNOWN_FROM: usize = 2;
@@ -75,7 +76,7 @@ impl Fitted {
 impl SpineTracker<'_> {
     /// The points near the vertebrae, cleaned, with what their neighbours tell: normals, patches, noise.
     pub(crate) fn seen(
-        &self,
+        &mut self,
         points: &[Point3<f64>],
         poses: &[Isometry3<f64>],
         rng: &mut ChaCha8Rng,
@@ -99,10 +100,14 @@ impl SpineTracker<'_> {
             let kept = not_alone(&positions)?;
             positions = kept.into_iter().map(|p| positions[p]).collect();
         }
-        // Where the noise is known, patches only tell front from back: they may be larger.
-        let largest_mm = LARGEST_PATCH_MM[usize::from(self.sensor_noise_mm.is_some())];
-        if let Some(local) = local_shape(&positions, largest_mm)? {
-            seen.noise_mm = self.sensor_noise_mm.or(Some(local.noise_mm));
+        // What all points tell of the sensor, once.
+        if self.sensor_noise_mm.is_none() {
+            self.sensor_noise_mm = noise_of_points(&near, NOISE_PATCH_MM)?;
+        }
+        if self.sensor_noise_mm.is_some()
+            && let Some(local) = local_shape(&positions, NORMAL_PATCH_MM)?
+        {
+            seen.noise_mm = self.sensor_noise_mm;
             seen.points.normals = local.normals;
             seen.points.patches = local.patches;
         }
@@ -129,8 +134,8 @@ impl SpineTracker<'_> {
         let mut refinements: Vec<Option<Refinement>> = vec![None; poses.len()];
         let mut bare: Vec<Vec<u32>> = Vec::new();
         let mut owned: Vec<Vec<u32>> = Vec::new();
-        let is_any_lost = self.tracks.iter().any(|track| track.n_frames_lost > 0);
-        let first_round = if is_any_lost { 0 } else { KNOWN_FROM };
+        let is_any_sought = self.tracks.iter().any(Track::is_sought);
+        let first_round = if is_any_sought { 0 } else { KNOWN_FROM };
         for (round, wider) in WIDER.iter().enumerate().skip(first_round) {
             // Later poses are nearly right: points do not change hands.
             if round == first_round || round == KNOWN_FROM {
@@ -143,7 +148,7 @@ impl SpineTracker<'_> {
                 .zip(&mut poses)
                 .zip(self.tracks.par_iter().zip(&self.model.vertebrae))
                 .for_each(|(((own, refinement), pose), (track, vertebra))| {
-                    if round < KNOWN_FROM && track.n_frames_lost == 0 {
+                    if round < KNOWN_FROM && !track.is_sought() {
                         return;
                     }
                     let choice = BareBone {

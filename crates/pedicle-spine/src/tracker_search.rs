@@ -9,59 +9,55 @@
 use nalgebra::{Isometry3, Point3};
 use rayon::prelude::*;
 
-use crate::bone::BoneSurface;
+use crate::LostReason;
 use crate::tracker::SpineTracker;
+use crate::tracker_fit::Fitted;
 use crate::tracker_motion::{PosedSpine, fit, neighbours_motion, spine_motion};
 
 /// Points that find the motion of the whole spine: six unknowns for all of them.
-const N_SPINE_POINTS: usize = 300;
+const N_SPINE_POINTS: usize = 500;
 /// Steps of a fit within a round of the search.
 const STEPS: usize = 4;
+
 impl<'a> SpineTracker<'a> {
     /// The motion of the spine since the last frame; none if it is not in view or jumped too far.
     pub(crate) fn moved(&self, search: &[Point3<f64>]) -> Option<Isometry3<f64>> {
-        let followed = self.followed();
-        let poses: Vec<Isometry3<f64>> = self.tracks.iter().map(|track| track.pose).collect();
+        let poses: Vec<Isometry3<f64>> = self.tracks.iter().map(|track| track.anchor).collect();
         // The points are a random sample already: every n-th is one as well.
         let stride = search.len().div_ceil(N_SPINE_POINTS).max(1);
         let some: Vec<Point3<f64>> = search.iter().copied().step_by(stride).collect();
-        let motion = spine_motion(&self.posed(&poses, true), &some)?;
-        let largest = followed
-            .iter()
-            .map(|&v| {
-                let center = self.tracks[v].pose * self.centroid(v);
+        let motion = spine_motion(&self.posed(&poses), &some)?;
+        let of_followed = (0..poses.len()).filter(|&v| self.tracks[v].is_followed);
+        let largest = of_followed
+            .map(|v| {
+                let center = poses[v] * self.centroid(v);
                 (motion * center - center).norm()
             })
             .fold(0.0, |most, d| if d > most { d } else { most });
         (largest <= self.options.max_spine_jump_mm).then_some(motion)
     }
 
-    /// Indices of the vertebrae that are followed, lost or not.
-    fn followed(&self) -> Vec<usize> {
-        (0..self.tracks.len())
-            .filter(|&v| self.tracks[v].is_followed)
-            .collect()
+    /// The points among which the spine may be, as far as it may have moved.
+    pub(crate) fn about(&self, points: &[Point3<f64>]) -> Vec<Point3<f64>> {
+        let reach_mm = self.options.max_spine_jump_mm;
+        let inverses: Vec<Isometry3<f64>> =
+            self.tracks.iter().map(|t| t.anchor.inverse()).collect();
+        let is_about = |p: &&Point3<f64>| {
+            let mut bones = self.model.vertebrae.iter().zip(&inverses);
+            bones.any(|(vertebra, inverse)| vertebra.bone.is_about(&(inverse * *p), reach_mm))
+        };
+        points.par_iter().filter(is_about).copied().collect()
     }
 
     pub(crate) fn centroid(&self, v: usize) -> Point3<f64> {
         self.model.vertebrae[v].bone.centroid()
     }
 
-    /// The followed vertebrae in their poses, on the simplified or the full surfaces.
-    fn posed(&self, poses: &[Isometry3<f64>], is_coarse: bool) -> PosedSpine<'a> {
-        let followed = self.followed();
-        let bone = |v: usize| -> &'a BoneSurface {
-            let vertebra = &self.model.vertebrae[v];
-            if is_coarse {
-                &vertebra.coarse
-            } else {
-                &vertebra.bone
-            }
-        };
-        PosedSpine::new(
-            followed.iter().map(|&v| bone(v)).collect(),
-            followed.iter().map(|&v| poses[v]).collect(),
-        )
+    /// All vertebrae, on the simplified surfaces: those that nobody follows hold their points against those that
+    /// are looked for.
+    fn posed(&self, poses: &[Isometry3<f64>]) -> PosedSpine<'a> {
+        let bones = self.model.vertebrae.iter().map(|v| &v.coarse);
+        PosedSpine::new(bones.collect(), poses.to_vec())
     }
 
     /// Rounds of giving points to vertebrae and fitting those that are chosen.
@@ -72,12 +68,12 @@ impl<'a> SpineTracker<'a> {
         (widening, is_chosen): (f64, &[bool]),
     ) {
         for gate_mm in self.options.gates_mm.iter().map(|gate| gate * widening) {
-            let lists = self.posed(poses, true).assign(search, gate_mm);
+            let lists = self.posed(poses).assign(search, gate_mm);
             let found: Vec<(usize, Isometry3<f64>)> = lists
                 .par_iter()
-                .zip(self.followed())
-                .filter(|(_, v)| is_chosen[*v])
-                .filter_map(|(own, v)| {
+                .enumerate()
+                .filter(|(v, _)| is_chosen[*v])
+                .filter_map(|(v, own)| {
                     let bone = &self.model.vertebrae[v].coarse;
                     let fit = fit(bone, own, &poses[v], (gate_mm, STEPS))?;
                     Some((v, fit.target_from_source))
@@ -86,6 +82,36 @@ impl<'a> SpineTracker<'a> {
             for (v, pose) in found {
                 poses[v] = pose;
             }
+        }
+    }
+
+    /// Where every vertebra was vouched for last, carried by its neighbours that are tracked in both frames,
+    /// without any by the whole spine. Poses that nobody vouches for have no say: they would walk it away.
+    pub(crate) fn carry_anchors(
+        &mut self,
+        fits: &[Fitted],
+        reasons: &[Option<LostReason>],
+        moved: Option<&Isometry3<f64>>,
+    ) {
+        let motions: Vec<Option<Isometry3<f64>>> = self
+            .tracks
+            .iter()
+            .zip(fits)
+            .zip(reasons)
+            .map(|((track, fit), reason)| {
+                let is_tracked = reason.is_none() && track.n_frames_lost == 0;
+                is_tracked.then(|| fit.target_from_source * track.anchor.inverse())
+            })
+            .collect();
+        for v in 0..self.tracks.len() {
+            let anchor = self.tracks[v].anchor;
+            self.tracks[v].anchor = if reasons[v].is_none() {
+                fits[v].target_from_source
+            } else {
+                let center = anchor * self.centroid(v);
+                let motion = neighbours_motion(&motions, v, &center).or(moved.copied());
+                motion.unwrap_or_default() * anchor
+            };
         }
     }
 

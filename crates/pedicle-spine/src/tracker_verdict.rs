@@ -4,7 +4,7 @@
 //! Δ_v = T_v (M T_v')⁻¹,   |Δ_v c - c| and the angle of Δ_v small,   c the centroid
 //! ```
 //!
-//! T_v' is the pose in the last frame, M the motion of the whole spine. Beside the jump Δ the fit, the
+//! T_v' is the pose that was vouched for last, carried to the last frame, M the motion of the whole spine. Beside the jump Δ the fit, the
 //! noise against the other vertebrae and the frames before, the covariance and the neighbours have to
 //! allow it. Millimetres and radians.
 
@@ -54,7 +54,11 @@ impl SpineTracker<'_> {
                 }
                 self.doubt(own, &whole)
                     .map(|reason| LostReason::Doubted { reason })
-                    .or_else(|| self.jump(v, &own.target_from_source, &expected[v]))
+                    .or_else(|| {
+                        // A vertebra out of sight moves on.
+                        let n_jumps = (1 + self.tracks[v].n_frames_lost).min(MAX_JUMPS);
+                        self.jump(v, &own.target_from_source, (&expected[v], n_jumps))
+                    })
             })
             .collect();
         let pose = |v: usize| &fits[v].target_from_source;
@@ -91,8 +95,8 @@ impl SpineTracker<'_> {
             noise_mm,
             others_noise_mm: whole.noise_mm,
             target_noise_mm: noise_mm,
-            // Bones that are lost fit to anything: the sensor's own noise is what counts.
-            quiet_noise_mm: f64::NAN,
+            // Bones that are lost fit to anything: only those that were vouched for count.
+            quiet_noise_mm: self.quiet_noise_mm,
             is_from_camera: self.view.is_some(),
             tells_tissue: false,
             deviations: own.covariance.as_ref().map(|covariance| {
@@ -133,21 +137,21 @@ impl SpineTracker<'_> {
                 && fit.seen_through <= self.options.verdict.max_seen_through
                 && share(fit.n_explained, fit.n_near) >= self.options.verdict.min_explained_share
                 && self
-                    .jump(v, &fit.target_from_source, &expected[v])
+                    .jump(v, &fit.target_from_source, (&expected[v], 1))
                     .is_none()
         };
         fits.iter().enumerate().map(is_guess).collect()
     }
 
+    /// Farther from the expected pose than the jumps of so many frames.
     fn jump(
         &self,
         v: usize,
         pose: &Isometry3<f64>,
-        expected: &Isometry3<f64>,
+        (expected, n_jumps): (&Isometry3<f64>, usize),
     ) -> Option<LostReason> {
         let jump = pose_error(pose, expected, &self.centroid(v));
-        // A vertebra out of sight moves on.
-        let n_jumps = (1 + self.tracks[v].n_frames_lost).min(MAX_JUMPS) as f64;
+        let n_jumps = n_jumps as f64;
         let is_near = jump.translation_mm <= n_jumps * self.options.max_jump_mm
             && jump.rotation_rad <= n_jumps * self.options.max_jump_rad;
         (!is_near).then_some(LostReason::Jumped {
