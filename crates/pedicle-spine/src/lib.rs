@@ -59,6 +59,7 @@ mod finish;
 mod free_space;
 mod hypotheses;
 mod landmark_evidence;
+mod local_shape;
 mod map;
 mod map_shape;
 mod misfit;

@@ -19,7 +19,7 @@ use pedicle_registration::ReferenceSurface;
 
 use crate::SpineError;
 use crate::bone::BoneSurface;
-use crate::prepare::tree_of;
+use crate::local_shape::tree_of;
 
 /// Points are compared with those this near, mm.
 pub(crate) const PATCH_MM: f64 = 6.0;

@@ -20,7 +20,7 @@ use rand_distr::{Distribution, StandardNormal};
 
 use crate::SpineError;
 use crate::bone::BoneSurface;
-use crate::prepare::tree_of;
+use crate::local_shape::tree_of;
 
 /// Noise from which on b is larger than what tells one person's bones from another's, mm.
 pub(crate) const BENDS_FROM_MM: f64 = 1.25;

@@ -1,40 +1,20 @@
 //! The target made ready: cleaned, checked, thinned out.
 //!
-//! Points of a camera that float alone (flying pixels between front and back) are removed:
-//!
-//! ```text
-//! mean distance to the 8 nearest points > 3 × its median over all points
-//! ```
-//!
-//! after Rusu et al. 2008, with the median in place of mean and deviation, which the very points to
-//! remove would inflate.
+//! What its points tell of themselves is found in `local_shape.rs`.
 
-use std::num::NonZero;
-
-use kiddo::{ImmutableKdTree, SquaredEuclidean};
-use nalgebra::{Matrix3, Matrix6, Point3, Vector3, Vector6};
+use nalgebra::Point3;
 use pedicle_mesh::{RepairReport, TriMesh, connected_components};
 use pedicle_trajectory::Level;
 use rand::seq::index;
 use rand_chacha::ChaCha8Rng;
-use rayon::prelude::*;
 
 use crate::finish::FinePoints;
+use crate::local_shape::{local_shape, not_alone};
 use crate::map_shape::clean;
 use crate::model::{MAX_LANDMARK_DISTANCE_MM, SpineModel};
 use crate::points::PointSet;
 use crate::{Shape, SpineError, Target, TargetSurface};
 
-/// Neighbours whose mean distance tells whether a point floats alone.
-const NEIGHBORS: usize = 8;
-/// Times the median from which on it does.
-const ALONE_RATIO: f64 = 3.0;
-/// Neighbours that a quadric and a plane are fitted to.
-const PATCH_NEIGHBORS: usize = 24;
-/// Unknowns of the quadric.
-const QUADRIC_UNKNOWNS: usize = 6;
-/// Points at which the noise is estimated.
-const NOISE_SAMPLES: usize = 400;
 /// The patch must be this small for a quadric to follow the bone, mm.
 const LARGEST_PATCH_MM: f64 = 5.0;
 /// Fewest points of a target.
@@ -130,175 +110,6 @@ fn check_cloud(points: &[Point3<f64>]) -> Result<(), SpineError> {
         });
     }
     Ok(())
-}
-
-pub(crate) fn tree_of(points: &[Point3<f64>]) -> Result<ImmutableKdTree<f64, 3>, SpineError> {
-    let rows: Vec<[f64; 3]> = points.iter().map(|p| p.coords.into()).collect();
-    ImmutableKdTree::new_from_slice(&rows).map_err(|e| SpineError::Index {
-        reason: format!("{e:?}"),
-    })
-}
-
-/// Indices of the points that do not float alone.
-pub(crate) fn not_alone(points: &[Point3<f64>]) -> Result<Vec<usize>, SpineError> {
-    let tree = tree_of(points)?;
-    let wanted = NonZero::<usize>::MIN.saturating_add(NEIGHBORS);
-    let spread: Vec<f64> = points
-        .par_iter()
-        .map(|p| {
-            let row: [f64; 3] = p.coords.into();
-            let found = tree
-                .query(&row)
-                .nearest_n::<SquaredEuclidean<f64>>(wanted)
-                .execute();
-            let sum: f64 = found.into_iter().map(|item| item.distance.sqrt()).sum();
-            sum / NEIGHBORS as f64
-        })
-        .collect();
-    let mut sorted = spread.clone();
-    sorted.sort_by(f64::total_cmp);
-    let limit = ALONE_RATIO * sorted[sorted.len() / 2];
-    // Points that all coincide are nobody's outliers.
-    Ok((0..points.len())
-        .filter(|&p| spread[p] <= limit || limit <= 0.0)
-        .collect())
-}
-
-/// The noise of dense points and their normals.
-pub(crate) struct Local {
-    /// Median over samples of the deviation of a patch from its own best quadric
-    /// z = a + bx + cy + dx² + exy + fy², corrected for its six unknowns.
-    pub(crate) noise_mm: f64,
-    pub(crate) normals: Vec<Vector3<f64>>,
-    pub(crate) patches: Vec<Vec<u32>>,
-}
-
-/// Points in which patches are looked for.
-struct Patches<'a> {
-    points: &'a [Point3<f64>],
-    tree: ImmutableKdTree<f64, 3>,
-}
-
-impl<'a> Patches<'a> {
-    fn new(points: &'a [Point3<f64>]) -> Result<Self, SpineError> {
-        let tree = tree_of(points)?;
-        Ok(Self { points, tree })
-    }
-
-    /// The nearest points of one and the distance of the farthest of them.
-    fn around(&self, p: &Point3<f64>) -> (f64, Vec<u32>) {
-        let row: [f64; 3] = p.coords.into();
-        let wanted = NonZero::<usize>::MIN.saturating_add(PATCH_NEIGHBORS - 1);
-        let found = self
-            .tree
-            .query(&row)
-            .nearest_n::<SquaredEuclidean<f64>>(wanted)
-            .execute();
-        let mut patch: Vec<(f64, u32)> = found
-            .into_iter()
-            .map(|item| (item.distance, item.item))
-            .collect();
-        // Ties may come in any order, and sums depend on it.
-        patch.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let radius = patch.last().map_or(f64::INFINITY, |(d, _)| d.sqrt());
-        let near: Vec<u32> = patch.into_iter().map(|(_, i)| i).collect();
-        (radius, near)
-    }
-
-    fn positions(&self, patch: &[u32]) -> Vec<Point3<f64>> {
-        patch.iter().map(|&i| self.points[i as usize]).collect()
-    }
-
-    /// Median noise of some patches; none if half of them are larger than this radius.
-    fn noise_mm(&self, largest_patch_mm: f64) -> Option<f64> {
-        let stride = self.points.len().div_ceil(NOISE_SAMPLES).max(1);
-        let samples: Vec<&Point3<f64>> = self.points.iter().step_by(stride).collect();
-        let (mut radii, mut noise): (Vec<f64>, Vec<f64>) = samples
-            .into_par_iter()
-            .filter_map(|p| {
-                let (radius, patch) = self.around(p);
-                Some((radius, quadric_deviation(&self.positions(&patch))?))
-            })
-            .unzip();
-        radii.sort_by(f64::total_cmp);
-        noise.sort_by(f64::total_cmp);
-        let middle = radii.len() / 2;
-        let is_dense = radii.get(middle).is_some_and(|r| *r <= largest_patch_mm);
-        is_dense.then(|| noise[middle])
-    }
-}
-
-/// The noise of dense points alone; none if half of their patches are larger than this radius.
-pub(crate) fn noise_of_points(
-    points: &[Point3<f64>],
-    largest_patch_mm: f64,
-) -> Result<Option<f64>, SpineError> {
-    Ok(Patches::new(points)?.noise_mm(largest_patch_mm))
-}
-
-/// None if the points lie so far apart that half of the patches are larger than this radius.
-pub(crate) fn local_shape(
-    points: &[Point3<f64>],
-    largest_patch_mm: f64,
-) -> Result<Option<Local>, SpineError> {
-    let patches = Patches::new(points)?;
-    let Some(noise_mm) = patches.noise_mm(largest_patch_mm) else {
-        return Ok(None);
-    };
-    let (normals, patches) = points
-        .par_iter()
-        .map(|p| {
-            let patch = patches.around(p).1;
-            let axes = plane_of(&patches.positions(&patch)).1;
-            (axes.column(0).into_owned(), patch)
-        })
-        .unzip();
-    Ok(Some(Local {
-        noise_mm,
-        normals,
-        patches,
-    }))
-}
-
-/// The mean of some points and the axes of their spread: the normal of their plane and two in it.
-fn plane_of(patch: &[Point3<f64>]) -> (Vector3<f64>, Matrix3<f64>) {
-    let n = patch.len().max(1) as f64;
-    let mean = patch.iter().map(|p| p.coords).sum::<Vector3<f64>>() / n;
-    let scatter: Matrix3<f64> = patch
-        .iter()
-        .map(|p| (p.coords - mean) * (p.coords - mean).transpose())
-        .sum();
-    let eigen = scatter.symmetric_eigen();
-    let low = eigen.eigenvalues.imin();
-    let axes = [0, 1, 2].map(|k| eigen.eigenvectors.column((low + k) % 3).into_owned());
-    (mean, Matrix3::from_columns(&axes))
-}
-
-fn quadric_deviation(patch: &[Point3<f64>]) -> Option<f64> {
-    let n = patch.len();
-    if n <= QUADRIC_UNKNOWNS {
-        return None;
-    }
-    let (mean, axes) = plane_of(patch);
-    let mut normal_matrix = Matrix6::zeros();
-    let mut right = Vector6::zeros();
-    let mut sum = 0.0;
-    for p in patch {
-        let d = p.coords - mean;
-        let (w, u, v) = (
-            d.dot(&axes.column(0)),
-            d.dot(&axes.column(1)),
-            d.dot(&axes.column(2)),
-        );
-        let row = Vector6::new(1.0, u, v, u * u, u * v, v * v);
-        normal_matrix.ger(1.0, &row, &row, 1.0);
-        right += row * w;
-        sum += w * w;
-    }
-    let solution = normal_matrix.cholesky()?.solve(&right);
-    let rest = sum - solution.dot(&right);
-    let rest = if rest > 0.0 { rest } else { 0.0 };
-    Some((rest / (n - QUADRIC_UNKNOWNS) as f64).sqrt())
 }
 
 fn sample(

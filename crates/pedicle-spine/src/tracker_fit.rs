@@ -21,9 +21,9 @@ use crate::enlarged::enlarged;
 use crate::explained::{CLOSE_MM, EXPLAINED_FLOOR_MM, EXPLAINED_IN_SIGMA};
 use crate::finish::{Sensor, select};
 use crate::free_space::FreeSpace;
+use crate::local_shape::{noise_of_points, shaped};
 use crate::misfit::{Misfit, misfit};
 use crate::points::PointSet;
-use crate::prepare::{local_shape, noise_of_points, not_alone};
 use crate::tracker::{SpineTracker, Track, thin_out};
 use crate::tracker_verdict::median;
 
@@ -87,31 +87,25 @@ impl SpineTracker<'_> {
             bones.any(|(vertebra, inverse)| vertebra.bone.is_about(&(inverse * p), NEAR_MM))
         };
         let near: Vec<Point3<f64>> = points.par_iter().filter(|p| is_near(p)).copied().collect();
-        let mut positions = thin_out(&near, self.options.n_fine_points, rng);
         let mut seen = Seen {
             points: PointSet::default(),
             noise_mm: None,
             free_space: None,
         };
-        if positions.is_empty() {
+        if near.is_empty() {
             return Ok(seen);
-        }
-        if self.view.is_some() {
-            let kept = not_alone(&positions)?;
-            positions = kept.into_iter().map(|p| positions[p]).collect();
         }
         // What all points tell of the sensor, once.
         if self.sensor_noise_mm.is_none() {
             self.sensor_noise_mm = noise_of_points(&near, NOISE_PATCH_MM)?;
         }
-        if self.sensor_noise_mm.is_some()
-            && let Some(local) = local_shape(&positions, NORMAL_PATCH_MM)?
-        {
+        let positions = thin_out(&near, self.options.n_fine_points, rng);
+        // Where the noise is not known, neither is what normals are worth.
+        let largest_mm = self.sensor_noise_mm.map_or(0.0, |_| NORMAL_PATCH_MM);
+        seen.points = shaped(&positions, largest_mm, self.view.is_some())?;
+        if !seen.points.normals.is_empty() {
             seen.noise_mm = self.sensor_noise_mm;
-            seen.points.normals = local.normals;
-            seen.points.patches = local.patches;
         }
-        seen.points.positions = positions;
         if let (Some(view), Some(noise_mm)) = (&self.view, seen.noise_mm) {
             seen.points.turn_towards(view);
             seen.free_space = FreeSpace::new(points, view, noise_mm);
