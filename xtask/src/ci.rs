@@ -69,18 +69,11 @@ fn builds() -> Vec<Step> {
             "cargo clippy --workspace --all-targets --release --locked -- -D warnings",
         ),
         Step::new("tests", "cargo test --workspace --release --locked"),
-        Step {
-            rustdocflags: Some("-D warnings"),
-            ..Step::new(
-                "documentation",
-                "cargo doc --workspace --no-deps --release --locked",
-            )
-        },
         Step::new("book and READMEs", "cargo xtask check-docs"),
     ]
 }
 
-/// What only runs: by this program itself, for cargo would wait for the other lane.
+/// What only runs: by this program itself, for cargo would wait for the other lane. And the documentation.
 fn programs(spines: &[String]) -> Result<Vec<Step>, XtaskError> {
     let this = std::env::current_exe().map_err(|source| XtaskError::Command {
         command: "this program".to_owned(),
@@ -104,6 +97,14 @@ fn programs(spines: &[String]) -> Result<Vec<Step>, XtaskError> {
         steps.push(benchmark);
     }
     steps.push(step("benchmark", "bench-scenarios --suite all --draws 1"));
+    // At the end: it waits for what the other lane builds, and that has ended by then.
+    steps.push(Step {
+        rustdocflags: Some("-D warnings"),
+        ..Step::new(
+            "documentation",
+            "cargo doc --workspace --no-deps --release --locked",
+        )
+    });
     Ok(steps)
 }
 
