@@ -196,9 +196,12 @@ impl BoneSurface {
         let Cells::Fine(cells) = &self.cells else {
             return true;
         };
-        cells.vertex_near(point).is_none_or(|v| {
-            (self.vertices[v as usize] - point).norm() <= within_mm + CELLS_REACH_MM
-        })
+        // Outside the grid a point is beyond its margin.
+        cells
+            .vertex_near(point)
+            .map_or(within_mm >= MARGIN_MM, |v| {
+                (self.vertices[v as usize] - point).norm() <= within_mm + CELLS_REACH_MM
+            })
     }
 
     /// Index of the vertex nearest to a point.

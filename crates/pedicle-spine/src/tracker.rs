@@ -25,11 +25,11 @@ use rand::seq::index;
 use rand_chacha::ChaCha8Rng;
 
 use crate::tracker_fit::Fitted;
-use crate::tracker_verdict::median;
+use crate::tracker_verdict::{Judged, median};
 use crate::verdict_noise::second_smallest;
 use crate::{
-    LostReason, SensorView, SpineError, SpineModel, TrackState, TrackedFrame, TrackedVertebra,
-    TrackerOptions, Transfer,
+    SensorView, SpineError, SpineModel, TrackState, TrackedFrame, TrackedVertebra, TrackerOptions,
+    Transfer,
 };
 
 /// A lost vertebra is looked for with gates this much wider.
@@ -48,12 +48,30 @@ pub(crate) struct Track {
     /// Whether the pose is a fit of the last frame near the anchor, although nobody vouches for it.
     pub(crate) is_guessed: bool,
     pub(crate) n_frames_lost: usize,
+    /// Of the other vertebrae in the first result the second quietest, mm; NaN if that is not known.
+    pub(crate) quiet_noise_mm: f64,
 }
 
 impl Track {
-    /// Whether nobody knows even nearly where it is.
+    fn new(pose: Isometry3<f64>, is_followed: bool, quiet_noise_mm: f64) -> Self {
+        Self {
+            pose,
+            anchor: pose,
+            is_followed,
+            is_guessed: false,
+            n_frames_lost: 0,
+            quiet_noise_mm,
+        }
+    }
+
+    /// Whether its pose was vouched for in the last frame.
+    pub(crate) fn is_tracked(&self) -> bool {
+        self.is_followed && self.n_frames_lost == 0
+    }
+
+    /// Whether it is followed and nobody knows even nearly where it is.
     pub(crate) fn is_sought(&self) -> bool {
-        self.n_frames_lost > 0 && !self.is_guessed
+        self.is_followed && self.n_frames_lost > 0 && !self.is_guessed
     }
 }
 
@@ -70,8 +88,6 @@ pub struct SpineTracker<'a> {
     pub(crate) noise_mm: Option<f64>,
     /// Noise of the sensor as the first result found it, or the first frame that tells it, mm.
     pub(crate) sensor_noise_mm: Option<f64>,
-    /// Of the vertebrae that the first result vouches for, the second quietest, mm; NaN without two.
-    pub(crate) quiet_noise_mm: f64,
     pub(crate) view: Option<SensorView>,
     n_frames: u64,
 }
@@ -86,22 +102,18 @@ impl<'a> SpineTracker<'a> {
         transfer: &Transfer,
         options: TrackerOptions,
     ) -> Result<Self, SpineError> {
-        let tracks = transfer
-            .vertebrae
-            .iter()
-            .map(|v| Track {
-                pose: v.target_from_source,
-                anchor: v.target_from_source,
-                is_followed: v.accepted,
-                is_guessed: false,
-                n_frames_lost: 0,
-            })
+        let noises: Vec<f64> = transfer.vertebrae.iter().map(|v| v.noise_mm).collect();
+        let quiet_beside = |v: usize| {
+            let others = noises.iter().enumerate().filter(|(u, _)| *u != v);
+            second_smallest(others.map(|(_, noise)| *noise).collect())
+        };
+        let vertebrae = transfer.vertebrae.iter().enumerate();
+        let tracks = vertebrae
+            .map(|(v, found)| Track::new(found.target_from_source, found.accepted, quiet_beside(v)))
             .collect();
         let mut tracker = Self::from_tracks(model, tracks, options)?;
         tracker.noise_mm = Some(transfer.noise_mm).filter(|noise| noise.is_finite());
         tracker.sensor_noise_mm = transfer.sensor_noise_mm;
-        let vouched_for = transfer.vertebrae.iter().filter(|v| v.accepted);
-        tracker.quiet_noise_mm = second_smallest(vouched_for.map(|v| v.noise_mm).collect());
         Ok(tracker)
     }
 
@@ -123,13 +135,7 @@ impl<'a> SpineTracker<'a> {
     ) -> Result<Self, SpineError> {
         let tracks = poses
             .iter()
-            .map(|pose| Track {
-                pose: *pose,
-                anchor: *pose,
-                is_followed: true,
-                is_guessed: false,
-                n_frames_lost: 0,
-            })
+            .map(|pose| Track::new(*pose, true, f64::NAN))
             .collect();
         Self::from_tracks(model, tracks, options)
     }
@@ -163,7 +169,6 @@ impl<'a> SpineTracker<'a> {
             tracks,
             noise_mm: None,
             sensor_noise_mm: None,
-            quiet_noise_mm: f64::NAN,
             view: None,
             n_frames: 0,
         })
@@ -181,58 +186,53 @@ impl<'a> SpineTracker<'a> {
         let moved = self.moved(&search);
         let motion = moved.unwrap_or_default();
         let mut poses: Vec<Isometry3<f64>> = self.tracks.iter().map(|t| motion * t.pose).collect();
-        let expected: Vec<Isometry3<f64>> = self.tracks.iter().map(|t| motion * t.anchor).collect();
         let seen = self.seen(points, &poses, &mut rng)?;
-        let chosen = |f: &dyn Fn(&Track) -> bool| -> Vec<bool> {
-            let chosen = self
-                .tracks
-                .iter()
-                .map(|track| track.is_followed && f(track));
-            chosen.collect()
-        };
-        let is_known = chosen(&|track| track.n_frames_lost == 0);
-        let is_lost = chosen(&Track::is_sought);
-        let is_placed: Vec<bool> = is_lost.iter().map(|is_lost| !is_lost).collect();
-        self.carry_unknown(&mut poses, &is_placed);
+        let is_known: Vec<bool> = self.tracks.iter().map(Track::is_tracked).collect();
+        let is_sought: Vec<bool> = self.tracks.iter().map(Track::is_sought).collect();
         // Among dense points the last fit finds its own way, and tissue would pull the search.
         if seen.noise_mm.is_none() {
             self.search_rounds(&mut poses, &search, (1.0, &is_known));
         }
-        if is_lost.contains(&true) {
-            self.search_rounds(&mut poses, &search, (LOST_GATE_FACTOR, &is_lost));
+        if is_sought.contains(&true) {
+            let motion_of = |v: usize| poses[v] * self.tracks[v].anchor.inverse();
+            let motions: Vec<Option<Isometry3<f64>>> = (0..poses.len())
+                .map(|v| is_known[v].then(|| motion_of(v)))
+                .collect();
+            let carried = self.carried(&motions, &motion);
+            for v in (0..poses.len()).filter(|&v| is_sought[v]) {
+                poses[v] = carried[v];
+            }
+            self.search_rounds(&mut poses, &search, (LOST_GATE_FACTOR, &is_sought));
         }
         let fits = self.last_fit(&seen, &poses)?;
-        let reasons = self.judged((&seen, &fits), (&expected, moved.is_some()));
+        let judged = self.judged((&seen, &fits), moved.as_ref());
+        let anchors = self.next_anchors(&fits, &judged.reasons, moved.as_ref());
         self.n_frames += 1;
-        let guesses = self.guesses(&fits, &expected);
-        self.carry_anchors(&fits, &reasons, moved.as_ref());
-        Ok(self.taken_over(&fits, &reasons, &guesses))
+        Ok(self.taken_over(&fits, &judged, (&anchors, seen.noise_mm)))
     }
 
     /// Remembers what was found and reports it.
     fn taken_over(
         &mut self,
         fits: &[Fitted],
-        reasons: &[Option<LostReason>],
-        guesses: &[bool],
+        Judged { reasons, guesses }: &Judged,
+        (anchors, sensor_noise_mm): (&[Isometry3<f64>], Option<f64>),
     ) -> TrackedFrame {
         let is_known: Vec<bool> = reasons.iter().map(Option::is_none).collect();
         let of_known = |v: usize| is_known[v].then_some(&fits[v]);
-        let mut poses: Vec<Isometry3<f64>> = (0..is_known.len())
+        let poses: Vec<Isometry3<f64>> = (0..is_known.len())
             .map(|v| {
                 if is_known[v] || guesses[v] {
                     fits[v].target_from_source
                 } else {
-                    self.tracks[v].pose
+                    anchors[v]
                 }
             })
             .collect();
-        let is_placed: Vec<bool> = is_known
-            .iter()
-            .zip(guesses)
-            .map(|(a, b)| *a || *b)
-            .collect();
-        self.carry_unknown(&mut poses, &is_placed);
+        // What a frame tells in which nothing was found may be anything.
+        if is_known.contains(&true) {
+            self.sensor_noise_mm = self.sensor_noise_mm.or(sensor_noise_mm);
+        }
         let known = (0..poses.len()).filter_map(of_known);
         let noise_mm = median(known.map(Fitted::noise_mm).collect());
         if noise_mm.is_finite() {
@@ -241,6 +241,7 @@ impl<'a> SpineTracker<'a> {
         }
         for (v, (track, is_known)) in self.tracks.iter_mut().zip(&is_known).enumerate() {
             track.pose = poses[v];
+            track.anchor = anchors[v];
             track.is_guessed = guesses[v] && !is_known;
             track.n_frames_lost = if *is_known {
                 0

@@ -76,7 +76,7 @@ impl Fitted {
 impl SpineTracker<'_> {
     /// The points near the vertebrae, cleaned, with what their neighbours tell: normals, patches, noise.
     pub(crate) fn seen(
-        &mut self,
+        &self,
         points: &[Point3<f64>],
         poses: &[Isometry3<f64>],
         rng: &mut ChaCha8Rng,
@@ -95,16 +95,17 @@ impl SpineTracker<'_> {
         if near.is_empty() {
             return Ok(seen);
         }
-        // What all points tell of the sensor, once.
-        if self.sensor_noise_mm.is_none() {
-            self.sensor_noise_mm = noise_of_points(&near, NOISE_PATCH_MM)?;
-        }
+        // Once it is known it need not be found again.
+        let noise_mm = match self.sensor_noise_mm {
+            Some(known) => Some(known),
+            None => noise_of_points(&near, NOISE_PATCH_MM)?,
+        };
         let positions = thin_out(&near, self.options.n_fine_points, rng);
         // Where the noise is not known, neither is what normals are worth.
-        let largest_mm = self.sensor_noise_mm.map_or(0.0, |_| NORMAL_PATCH_MM);
+        let largest_mm = noise_mm.map_or(0.0, |_| NORMAL_PATCH_MM);
         seen.points = shaped(&positions, largest_mm, self.view.is_some())?;
         if !seen.points.normals.is_empty() {
-            seen.noise_mm = self.sensor_noise_mm;
+            seen.noise_mm = noise_mm;
         }
         if let (Some(view), Some(noise_mm)) = (&self.view, seen.noise_mm) {
             seen.points.turn_towards(view);

@@ -17,9 +17,12 @@ use rayon::prelude::*;
 use crate::bone::BoneSurface;
 
 /// Gates of the motion of the whole spine, mm.
-const SPINE_GATES_MM: (f64, f64) = (20.0, 8.0);
+pub(crate) const SPINE_GATES_MM: (f64, f64) = (20.0, 8.0);
 /// Steps of the fit of the whole spine and over how many the gate shrinks.
 const SPINE_STEPS: (usize, usize) = (12, 4);
+
+/// A neighbour farther away says little: what it errs by in its turn grows with the way.
+const REACH_LEVELS: usize = 2;
 
 /// Vertebrae in their poses as one surface in the target frame.
 pub(crate) struct PosedSpine<'a> {
@@ -137,15 +140,17 @@ pub(crate) fn fit(
     refine_on_surface(bone, &points, start, &options).ok()
 }
 
-/// The motion that the nearest tracked neighbours suggest for vertebra `v`; none without any.
+/// The motion that the nearest tracked neighbours suggest for vertebra `v`; none without any in reach.
 /// `motions` has one entry a vertebra, none where it is lost.
 pub(crate) fn neighbours_motion(
     motions: &[Option<Isometry3<f64>>],
     v: usize,
     centroid: &Point3<f64>,
 ) -> Option<Isometry3<f64>> {
-    let above = (0..v).rev().find_map(|u| Some((v - u, motions[u]?)));
-    let below = (v + 1..motions.len()).find_map(|u| Some((u - v, motions[u]?)));
+    let above = (0..v).rev().take(REACH_LEVELS);
+    let above = above.into_iter().find_map(|u| Some((v - u, motions[u]?)));
+    let below = (v + 1..motions.len()).take(REACH_LEVELS);
+    let below = below.into_iter().find_map(|u| Some((u - v, motions[u]?)));
     let ((d_a, a), (d_b, b)) = match (above, below) {
         (Some(a), Some(b)) => (a, b),
         (Some((_, only)), None) | (None, Some((_, only))) => return Some(only),
@@ -187,5 +192,7 @@ mod tests {
         let only = neighbours_motion(&motions, 4, &centroid).expect("one neighbour");
         assert!((only.rotation.angle() - 0.3).abs() < 1e-12, "the nearest");
         assert_eq!(neighbours_motion(&[None; 5], 2, &centroid), None, "none");
+        let far = [motions[0], None, None, None, None];
+        assert_eq!(neighbours_motion(&far, 3, &centroid), None, "too far away");
     }
 }

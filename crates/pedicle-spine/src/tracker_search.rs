@@ -10,9 +10,9 @@ use nalgebra::{Isometry3, Point3};
 use rayon::prelude::*;
 
 use crate::LostReason;
-use crate::tracker::SpineTracker;
+use crate::tracker::{SpineTracker, Track};
 use crate::tracker_fit::Fitted;
-use crate::tracker_motion::{PosedSpine, fit, neighbours_motion, spine_motion};
+use crate::tracker_motion::{PosedSpine, SPINE_GATES_MM, fit, neighbours_motion, spine_motion};
 
 /// Points that find the motion of the whole spine: six unknowns for all of them.
 const N_SPINE_POINTS: usize = 500;
@@ -20,17 +20,31 @@ const N_SPINE_POINTS: usize = 500;
 const STEPS: usize = 4;
 
 impl<'a> SpineTracker<'a> {
-    /// The motion of the spine since the last frame; none if it is not in view or jumped too far.
+    /// The motion of the spine since its anchors; none if it is not in view or went too far. Vertebrae that are not
+    /// followed may be anywhere: they keep the points nearest to them and have no say.
     pub(crate) fn moved(&self, search: &[Point3<f64>]) -> Option<Isometry3<f64>> {
-        let poses: Vec<Isometry3<f64>> = self.tracks.iter().map(|track| track.anchor).collect();
+        let anchors: Vec<Isometry3<f64>> = self.tracks.iter().map(|track| track.anchor).collect();
+        let all = self.posed(&anchors);
+        let is_of_followed = |p: &Point3<f64>| {
+            let nearest = all.nearest(p, SPINE_GATES_MM.0);
+            nearest.is_none_or(|(v, _)| self.tracks[v].is_followed)
+        };
         // The points are a random sample already: every n-th is one as well.
         let stride = search.len().div_ceil(N_SPINE_POINTS).max(1);
-        let some: Vec<Point3<f64>> = search.iter().copied().step_by(stride).collect();
-        let motion = spine_motion(&self.posed(&poses), &some)?;
-        let of_followed = (0..poses.len()).filter(|&v| self.tracks[v].is_followed);
-        let largest = of_followed
-            .map(|v| {
-                let center = poses[v] * self.centroid(v);
+        let some = search.iter().copied().step_by(stride);
+        let some: Vec<Point3<f64>> = some.filter(is_of_followed).collect();
+        let followed: Vec<usize> = (0..anchors.len())
+            .filter(|&v| self.tracks[v].is_followed)
+            .collect();
+        let spine = PosedSpine::new(
+            followed.iter().map(|&v| all.bones[v]).collect(),
+            followed.iter().map(|&v| anchors[v]).collect(),
+        );
+        let motion = spine_motion(&spine, &some)?;
+        let largest = followed
+            .iter()
+            .map(|&v| {
+                let center = anchors[v] * self.centroid(v);
                 (motion * center - center).norm()
             })
             .fold(0.0, |most, d| if d > most { d } else { most });
@@ -85,46 +99,44 @@ impl<'a> SpineTracker<'a> {
         }
     }
 
-    /// Where every vertebra was vouched for last, carried by its neighbours that are tracked in both frames,
-    /// without any by the whole spine. Poses that nobody vouches for have no say: they would walk it away.
-    pub(crate) fn carry_anchors(
-        &mut self,
+    /// The anchors as the motions of near neighbours carry them, one a vertebra and none where it is not known;
+    /// without such neighbours as `otherwise` does.
+    pub(crate) fn carried(
+        &self,
+        motions: &[Option<Isometry3<f64>>],
+        otherwise: &Isometry3<f64>,
+    ) -> Vec<Isometry3<f64>> {
+        let carry = |(v, track): (usize, &Track)| {
+            let center = track.anchor * self.centroid(v);
+            let motion = neighbours_motion(motions, v, &center).unwrap_or(*otherwise);
+            motion * track.anchor
+        };
+        self.tracks.iter().enumerate().map(carry).collect()
+    }
+
+    /// Where every vertebra was vouched for last, carried along by what is tracked in both frames. While nothing
+    /// is, it stays: a motion that nobody vouches for would walk it away.
+    pub(crate) fn next_anchors(
+        &self,
         fits: &[Fitted],
         reasons: &[Option<LostReason>],
         moved: Option<&Isometry3<f64>>,
-    ) {
-        let motions: Vec<Option<Isometry3<f64>>> = self
-            .tracks
-            .iter()
-            .zip(fits)
-            .zip(reasons)
+    ) -> Vec<Isometry3<f64>> {
+        let tracked = self.tracks.iter().zip(fits).zip(reasons);
+        let motions: Vec<Option<Isometry3<f64>>> = tracked
             .map(|((track, fit), reason)| {
                 let is_tracked = reason.is_none() && track.n_frames_lost == 0;
                 is_tracked.then(|| fit.target_from_source * track.anchor.inverse())
             })
             .collect();
-        for v in 0..self.tracks.len() {
-            let anchor = self.tracks[v].anchor;
-            self.tracks[v].anchor = if reasons[v].is_none() {
-                fits[v].target_from_source
-            } else {
-                let center = anchor * self.centroid(v);
-                let motion = neighbours_motion(&motions, v, &center).or(moved.copied());
-                motion.unwrap_or_default() * anchor
-            };
-        }
-    }
-
-    /// Carries the vertebrae that are not known from their last poses, as those that are known went.
-    pub(crate) fn carry_unknown(&self, poses: &mut [Isometry3<f64>], is_known: &[bool]) {
-        let motions: Vec<Option<Isometry3<f64>>> = (0..poses.len())
-            .map(|v| is_known[v].then(|| poses[v] * self.tracks[v].pose.inverse()))
-            .collect();
-        for (v, pose) in poses.iter_mut().enumerate().filter(|(v, _)| !is_known[*v]) {
-            let center = self.tracks[v].pose * self.centroid(v);
-            if let Some(motion) = neighbours_motion(&motions, v, &center) {
-                *pose = motion * self.tracks[v].pose;
+        let is_any_tracked = motions.iter().any(Option::is_some);
+        let otherwise = moved.filter(|_| is_any_tracked).copied();
+        let mut anchors = self.carried(&motions, &otherwise.unwrap_or_default());
+        for ((anchor, fit), reason) in anchors.iter_mut().zip(fits).zip(reasons) {
+            if reason.is_none() {
+                *anchor = fit.target_from_source;
             }
         }
+        anchors
     }
 }

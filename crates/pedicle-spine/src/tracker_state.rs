@@ -21,9 +21,11 @@ pub struct TrackerOptions {
     pub max_jump_mm: f64,
     /// The same for its turn, rad. Default 0.14 (8°).
     pub max_jump_rad: f64,
-    /// Farthest that the whole spine may move from one frame to the next, mm. Default 15: at half
+    /// Farthest that the whole spine may move since the last frame in which a vertebra was tracked, mm. Default 15: at half
     /// the distance of two vertebrae one could be taken for the other.
     pub max_spine_jump_mm: f64,
+    /// A vertebra lost for so many frames is not looked for any more: a new transfer is needed. Default 100.
+    pub max_frames_lost: usize,
     /// What a fit has to show, as in a transfer. The plan, landmarks and other poses are not asked.
     pub verdict: VerdictOptions,
     /// Seed of the choice of points.
@@ -39,6 +41,7 @@ impl Default for TrackerOptions {
             max_jump_mm: 6.0,
             max_jump_rad: 0.14,
             max_spine_jump_mm: 15.0,
+            max_frames_lost: 100,
             verdict: VerdictOptions::default(),
             seed: 0,
         }
@@ -86,9 +89,14 @@ pub enum LostReason {
     },
     /// The whole spine moved farther than can be followed, or cannot be found.
     SpineJumped,
-    /// It lies or is turned against a tracked neighbour as no spine allows.
+    /// It has been lost for so long that nobody knows where to look.
+    TooLong {
+        /// Frames since it was seen last.
+        n_frames: usize,
+    },
+    /// It lies or is turned against the next tracked vertebra as no spine allows.
     AgainstNeighbour {
-        /// The neighbour.
+        /// That vertebra.
         neighbour: Level,
     },
 }
@@ -107,6 +115,10 @@ impl std::fmt::Display for LostReason {
                 rotation_rad.to_degrees()
             ),
             Self::SpineJumped => f.write_str("the whole spine jumped or is not in view"),
+            Self::TooLong { n_frames } => write!(
+                f,
+                "it has been lost for {n_frames} frames: a new transfer is needed"
+            ),
             Self::AgainstNeighbour { neighbour } => {
                 write!(f, "it lies against {neighbour} as no spine allows")
             }

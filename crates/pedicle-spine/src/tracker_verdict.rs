@@ -23,16 +23,17 @@ use crate::{LostReason, Rejection};
 /// on another one's bone is one and a half to three times as noisy.
 const NOISE_RATIO: f64 = 1.5;
 const NOISE_EXCESS_MM: f64 = 0.2;
-/// A lost vertebra may have moved on: so many frames' jumps are allowed at most.
-const MAX_JUMPS: usize = 3;
+/// A lost vertebra may have moved on: so many frames' jumps are allowed at most, less than half of what two
+/// vertebrae are apart.
+const MAX_JUMPS: usize = 2;
 
 impl SpineTracker<'_> {
-    /// For every vertebra why it is lost; none if it is tracked.
+    /// For every vertebra why it is lost, none if it is tracked; and whether its fit may be looked at again.
     pub(crate) fn judged(
         &self,
         (seen, fits): (&Seen, &[Fitted]),
-        (expected, is_in_view): (&[Isometry3<f64>], bool),
-    ) -> Vec<Option<LostReason>> {
+        moved: Option<&Isometry3<f64>>,
+    ) -> Judged {
         let noise_mm = median(fits.iter().map(Fitted::noise_mm).collect());
         let (n_explained, n_near) = fits.iter().fold((0, 0), |(explained, near), fit| {
             (explained + fit.n_explained, near + fit.n_near)
@@ -42,50 +43,91 @@ impl SpineTracker<'_> {
             sensor_noise_mm: seen.noise_mm,
             unexplained_share: 1.0 - share(n_explained, n_near),
         };
+        let motion = moved.copied().unwrap_or_default();
+        let of_spine: Vec<Isometry3<f64>> = self.tracks.iter().map(|t| motion * t.anchor).collect();
         let mut reasons: Vec<Option<LostReason>> = fits
             .iter()
             .enumerate()
             .map(|(v, own)| {
-                if !self.tracks[v].is_followed {
-                    return Some(LostReason::NotAccepted);
+                let track = &self.tracks[v];
+                if !track.is_followed {
+                    Some(LostReason::NotAccepted)
+                } else if moved.is_none() {
+                    Some(LostReason::SpineJumped)
+                } else if track.n_frames_lost >= self.options.max_frames_lost {
+                    let n_frames = track.n_frames_lost;
+                    Some(LostReason::TooLong { n_frames })
+                } else if let Some(reason) = self.doubt(own, v, &whole) {
+                    Some(LostReason::Doubted { reason })
+                } else if track.is_tracked() {
+                    self.jump(v, &own.target_from_source, (&of_spine[v], 1))
+                } else {
+                    None
                 }
-                if !is_in_view {
-                    return Some(LostReason::SpineJumped);
-                }
-                self.doubt(own, &whole)
-                    .map(|reason| LostReason::Doubted { reason })
-                    .or_else(|| {
-                        // A vertebra out of sight moves on.
-                        let n_jumps = (1 + self.tracks[v].n_frames_lost).min(MAX_JUMPS);
-                        self.jump(v, &own.target_from_source, (&expected[v], n_jumps))
-                    })
             })
             .collect();
+        // Where those that were tracked and still are put the others.
+        let motions: Vec<Option<Isometry3<f64>>> = (0..fits.len())
+            .map(|v| {
+                let track = &self.tracks[v];
+                let is_tracked = track.is_tracked() && reasons[v].is_none();
+                is_tracked.then(|| fits[v].target_from_source * track.anchor.inverse())
+            })
+            .collect();
+        let mut expected = self.carried(&motions, &motion);
+        for (v, expected) in expected.iter_mut().enumerate() {
+            if self.tracks[v].is_tracked() {
+                *expected = of_spine[v];
+            } else if reasons[v].is_none() {
+                // A vertebra out of sight moves on.
+                let n_jumps = (1 + self.tracks[v].n_frames_lost).min(MAX_JUMPS);
+                reasons[v] = self.jump(v, &fits[v].target_from_source, (expected, n_jumps));
+            }
+        }
+        self.doubt_in_chain(fits, &expected, &mut reasons);
+        let guesses = self.guesses(fits, &expected);
+        Judged { reasons, guesses }
+    }
+
+    /// Every tracked vertebra against the next one that is, be it a neighbour or farther away.
+    fn doubt_in_chain(
+        &self,
+        fits: &[Fitted],
+        expected: &[Isometry3<f64>],
+        reasons: &mut [Option<LostReason>],
+    ) {
         let pose = |v: usize| &fits[v].target_from_source;
-        for (v, u) in (1..reasons.len()).map(|u| (u - 1, u)) {
-            if reasons[v].is_some() || reasons[u].is_some() {
+        // The one that moved more is the one to doubt.
+        let moved_mm =
+            |v: usize| pose_error(pose(v), &expected[v], &self.centroid(v)).translation_mm;
+        let mut last: Option<usize> = None;
+        for u in 0..reasons.len() {
+            if reasons[u].is_some() {
                 continue;
             }
+            let Some(v) = last.replace(u) else { continue };
+            let mut options = self.options.verdict.clone();
+            options.max_neighbour_turn_rad *= (u - v) as f64;
             let centroids = (self.centroid(v), self.centroid(u));
-            let own = (pose(v), &centroids.0);
-            let other = (pose(u), &centroids.1);
             let level = self.model.vertebrae[u].level;
-            if chain_rejections(own, other, level, &self.options.verdict).is_empty() {
+            let own = (pose(v), &centroids.0);
+            if chain_rejections(own, (pose(u), &centroids.1), level, &options).is_empty() {
                 continue;
             }
-            // The one that moved more is the one to doubt.
-            let moved =
-                |v: usize| pose_error(pose(v), &expected[v], &self.centroid(v)).translation_mm;
-            let (doubted, other) = if moved(v) > moved(u) { (v, u) } else { (u, v) };
+            let (doubted, other) = if moved_mm(v) > moved_mm(u) {
+                (v, u)
+            } else {
+                last = Some(v);
+                (u, v)
+            };
             reasons[doubted] = Some(LostReason::AgainstNeighbour {
                 neighbour: self.model.vertebrae[other].level,
             });
         }
-        reasons
     }
 
     /// The first test of a transfer that a fit fails.
-    fn doubt(&self, own: &Fitted, whole: &Whole) -> Option<Rejection> {
+    fn doubt(&self, own: &Fitted, v: usize, whole: &Whole) -> Option<Rejection> {
         let noise_mm = own.noise_mm();
         let evidence = Evidence {
             n_points: own.n_points,
@@ -95,8 +137,8 @@ impl SpineTracker<'_> {
             noise_mm,
             others_noise_mm: whole.noise_mm,
             target_noise_mm: noise_mm,
-            // Bones that are lost fit to anything: only those that were vouched for count.
-            quiet_noise_mm: self.quiet_noise_mm,
+            // Bones that are lost fit to anything: those of the first result count.
+            quiet_noise_mm: self.tracks[v].quiet_noise_mm,
             is_from_camera: self.view.is_some(),
             tells_tissue: false,
             deviations: own.covariance.as_ref().map(|covariance| {
@@ -131,7 +173,7 @@ impl SpineTracker<'_> {
     }
 
     /// Which fits, vouched for or not, are good enough to look for the vertebra beside them.
-    pub(crate) fn guesses(&self, fits: &[Fitted], expected: &[Isometry3<f64>]) -> Vec<bool> {
+    fn guesses(&self, fits: &[Fitted], expected: &[Isometry3<f64>]) -> Vec<bool> {
         let is_guess = |(v, fit): (usize, &Fitted)| {
             fit.refinement.is_some()
                 && fit.seen_through <= self.options.verdict.max_seen_through
@@ -159,6 +201,14 @@ impl SpineTracker<'_> {
             rotation_rad: jump.rotation_rad,
         })
     }
+}
+
+/// What is said of the vertebrae of a frame.
+pub(crate) struct Judged {
+    /// Why each is lost; none if it is tracked.
+    pub(crate) reasons: Vec<Option<LostReason>>,
+    /// Which fits, vouched for or not, are good enough to look for the vertebra beside them.
+    pub(crate) guesses: Vec<bool>,
 }
 
 /// What all vertebrae of a frame say together.

@@ -8,6 +8,7 @@ use pedicle_simulation::Deformation;
 use pedicle_spine::{
     LostReason, SpineError, SpineTracker, TrackState, TrackedFrame, TrackerOptions,
 };
+use pedicle_trajectory::Level;
 
 #[path = "../../examples/follow_frames/scene.rs"]
 mod scene;
@@ -131,6 +132,62 @@ fn a_spine_out_of_view_is_lost_until_it_comes_back() {
     let back = frame(1, &[]);
     let found = tracker.update(&back.points).unwrap();
     assert_eq!(assert_right(&found, &back.truth, "back"), 5, "{found:?}");
+}
+
+/// A hand over the wound that moves along the spine takes nothing with it.
+#[test]
+fn what_slides_over_the_spine_does_not_carry_it_a_level_away() {
+    let model = &phantom().model;
+    let poses = phantom().poses(0.0);
+    let along = model.centroid(Level::L2) - model.centroid(Level::L1);
+    let slab = |shift: Vector3<f64>| -> Vec<Point3<f64>> {
+        let points = frame(0, &[]).points;
+        let back = points.iter().map(|p| p.y).fold(f64::INFINITY, f64::min);
+        let flat = points.iter().map(|p| Point3::new(p.x, back - 3.0, p.z));
+        flat.map(|p| p + shift).collect()
+    };
+    let mut tracker = tracker();
+    for step in 1..=8 {
+        let found = tracker
+            .update(&slab(along * f64::from(step) / 8.0))
+            .unwrap();
+        for (vertebra, pose) in found.vertebrae.iter().zip(&poses) {
+            assert!(!vertebra.is_tracked(), "a slab: {vertebra:?}");
+            let center = model.centroid(vertebra.level);
+            let moved = pose_error(&vertebra.target_from_source, pose, &center);
+            assert!(moved.translation_mm < 7.0, "step {step}: {moved:?}");
+        }
+    }
+    let shifted: Vec<_> = poses
+        .iter()
+        .map(|pose| Translation3::from(along) * pose)
+        .collect();
+    for seed in 0..6 {
+        let frame = phantom().frame_of(&shifted, seed, (N_POINTS, NOISE_MM), &[]);
+        let found = tracker.update(&frame.points).unwrap();
+        assert_right(&found, &frame.truth, "a level away");
+    }
+}
+
+#[test]
+fn what_was_lost_for_too_long_is_not_found_again() {
+    let options = TrackerOptions {
+        max_frames_lost: 3,
+        ..TrackerOptions::default()
+    };
+    let poses = phantom().poses(0.0);
+    let mut tracker = SpineTracker::from_poses(&phantom().model, &poses, options).unwrap();
+    for time in 1..=5 {
+        let hidden: &[usize] = if time <= 3 { &[2] } else { &[] };
+        let frame = frame(time, hidden);
+        let found = tracker.update(&frame.points).unwrap();
+        let n = assert_right(&found, &frame.truth, &format!("frame {time}"));
+        assert_eq!(n, 4, "frame {time}: L3 is lost for good");
+        if time > 3 {
+            let reason = LostReason::TooLong { n_frames: time - 1 };
+            assert_eq!(found.vertebrae[2].state, TrackState::Lost { reason }, "L3");
+        }
+    }
 }
 
 #[test]
