@@ -114,6 +114,21 @@ impl<'a> SpineTracker<'a> {
         self.tracks.iter().enumerate().map(carry).collect()
     }
 
+    /// The motions since the last frame of what was tracked there and still is.
+    pub(crate) fn motions(
+        &self,
+        fits: &[Fitted],
+        reasons: &[Option<LostReason>],
+    ) -> Vec<Option<Isometry3<f64>>> {
+        let tracked = self.tracks.iter().zip(fits).zip(reasons);
+        tracked
+            .map(|((track, fit), reason)| {
+                let is_tracked = track.is_tracked() && reason.is_none();
+                is_tracked.then(|| fit.target_from_source * track.anchor.inverse())
+            })
+            .collect()
+    }
+
     /// Where every vertebra was vouched for last, carried along by what is tracked in both frames. While nothing
     /// is, it stays: a motion that nobody vouches for would walk it away.
     pub(crate) fn next_anchors(
@@ -122,13 +137,7 @@ impl<'a> SpineTracker<'a> {
         reasons: &[Option<LostReason>],
         moved: Option<&Isometry3<f64>>,
     ) -> Vec<Isometry3<f64>> {
-        let tracked = self.tracks.iter().zip(fits).zip(reasons);
-        let motions: Vec<Option<Isometry3<f64>>> = tracked
-            .map(|((track, fit), reason)| {
-                let is_tracked = reason.is_none() && track.n_frames_lost == 0;
-                is_tracked.then(|| fit.target_from_source * track.anchor.inverse())
-            })
-            .collect();
+        let motions = self.motions(fits, reasons);
         let is_any_tracked = motions.iter().any(Option::is_some);
         let otherwise = moved.filter(|_| is_any_tracked).copied();
         let mut anchors = self.carried(&motions, &otherwise.unwrap_or_default());

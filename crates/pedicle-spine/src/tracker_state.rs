@@ -58,6 +58,7 @@ impl TrackerOptions {
             ("max_jump_mm", self.max_jump_mm),
             ("max_jump_rad", self.max_jump_rad),
             ("max_spine_jump_mm", self.max_spine_jump_mm),
+            ("max_frames_lost", self.max_frames_lost as f64),
         ];
         let gates = self.gates_mm.iter().map(|&gate| ("gates_mm", gate));
         for (name, value) in named.into_iter().chain(gates) {

@@ -67,14 +67,7 @@ impl SpineTracker<'_> {
             })
             .collect();
         // Where those that were tracked and still are put the others.
-        let motions: Vec<Option<Isometry3<f64>>> = (0..fits.len())
-            .map(|v| {
-                let track = &self.tracks[v];
-                let is_tracked = track.is_tracked() && reasons[v].is_none();
-                is_tracked.then(|| fits[v].target_from_source * track.anchor.inverse())
-            })
-            .collect();
-        let mut expected = self.carried(&motions, &motion);
+        let mut expected = self.carried(&self.motions(fits, &reasons), &motion);
         for (v, expected) in expected.iter_mut().enumerate() {
             if self.tracks[v].is_tracked() {
                 *expected = of_spine[v];
@@ -106,7 +99,7 @@ impl SpineTracker<'_> {
                 continue;
             }
             let Some(v) = last.replace(u) else { continue };
-            let mut options = self.options.verdict.clone();
+            let mut options = self.options.verdict;
             options.max_neighbour_turn_rad *= (u - v) as f64;
             let centroids = (self.centroid(v), self.centroid(u));
             let level = self.model.vertebrae[u].level;
