@@ -69,11 +69,18 @@ fn builds() -> Vec<Step> {
             "cargo clippy --workspace --all-targets --release --locked -- -D warnings",
         ),
         Step::new("tests", "cargo test --workspace --release --locked"),
+        Step {
+            rustdocflags: Some("-D warnings"),
+            ..Step::new(
+                "documentation",
+                "cargo doc --workspace --no-deps --release --locked",
+            )
+        },
         Step::new("book and READMEs", "cargo xtask check-docs"),
     ]
 }
 
-/// What only runs: by this program itself, for cargo would wait for the other lane. And the documentation.
+/// What only runs: by this program itself, for cargo would wait for the other lane.
 fn programs(spines: &[String]) -> Result<Vec<Step>, XtaskError> {
     let this = std::env::current_exe().map_err(|source| XtaskError::Command {
         command: "this program".to_owned(),
@@ -97,14 +104,6 @@ fn programs(spines: &[String]) -> Result<Vec<Step>, XtaskError> {
         steps.push(benchmark);
     }
     steps.push(step("benchmark", "bench-scenarios --suite all --draws 1"));
-    // At the end: it waits for what the other lane builds, and that has ended by then.
-    steps.push(Step {
-        rustdocflags: Some("-D warnings"),
-        ..Step::new(
-            "documentation",
-            "cargo doc --workspace --no-deps --release --locked",
-        )
-    });
     Ok(steps)
 }
 

@@ -5,7 +5,8 @@
 //! ```
 //!
 //! p_j are the points of the frame nearest to vertebra v, q_j and n_j the closest points of its
-//! source surface and the normals there, M the motion of the whole spine since the last frame.
+//! source surface and the normals there, M the motion of the whole spine since the last frame in which any
+//! vertebra was tracked.
 //!
 //! 1. The whole spine is moved as one body, among the points that are near enough to be its own.
 //! 2. Points are given to vertebrae and every vertebra is fitted, in rounds of shrinking gates, on
@@ -40,12 +41,13 @@ const NOISE_MEMORY: f64 = 0.2;
 /// One vertebra between frames.
 #[derive(Debug, Clone)]
 pub(crate) struct Track {
+    /// Where to look for it in the next frame, before the motion of the spine is known.
     pub(crate) pose: Isometry3<f64>,
     /// Where it was vouched for last, carried along since.
     pub(crate) anchor: Isometry3<f64>,
     /// Whether the first result vouched for it.
     pub(crate) is_followed: bool,
-    /// Whether the pose is a fit of the last frame near the anchor, although nobody vouches for it.
+    /// Whether that comes from a fit of the last frame near the anchor, although nobody vouches for it.
     pub(crate) is_guessed: bool,
     pub(crate) n_frames_lost: usize,
     /// Of the other vertebrae in the first result the second quietest, mm; NaN if that is not known.
@@ -72,6 +74,11 @@ impl Track {
     /// Whether it is followed and nobody knows even nearly where it is.
     pub(crate) fn is_sought(&self) -> bool {
         self.is_followed && self.n_frames_lost > 0 && !self.is_guessed
+    }
+
+    /// Whether it is followed and was tracked or guessed in the last frame.
+    pub(crate) fn is_nearly_known(&self) -> bool {
+        self.is_followed && !self.is_sought()
     }
 }
 
@@ -191,7 +198,8 @@ impl<'a> SpineTracker<'a> {
         let is_sought: Vec<bool> = self.tracks.iter().map(Track::is_sought).collect();
         // Among dense points the last fit finds its own way, and tissue would pull the search.
         if seen.noise_mm.is_none() {
-            self.search_rounds(&mut poses, &search, (1.0, &is_known));
+            let is_near: Vec<bool> = self.tracks.iter().map(Track::is_nearly_known).collect();
+            self.search_rounds(&mut poses, &search, (1.0, &is_near));
         }
         if is_sought.contains(&true) {
             let motion_of = |v: usize| poses[v] * self.tracks[v].anchor.inverse();
@@ -215,9 +223,14 @@ impl<'a> SpineTracker<'a> {
     fn taken_over(
         &mut self,
         fits: &[Fitted],
-        Judged { reasons, guesses }: &Judged,
+        judged: &Judged,
         (anchors, sensor_noise_mm): (&[Isometry3<f64>], Option<f64>),
     ) -> TrackedFrame {
+        let Judged {
+            reasons,
+            guesses,
+            expected,
+        } = judged;
         let is_known: Vec<bool> = reasons.iter().map(Option::is_none).collect();
         let of_known = |v: usize| is_known[v].then_some(&fits[v]);
         let poses: Vec<Isometry3<f64>> = (0..is_known.len())
@@ -240,7 +253,12 @@ impl<'a> SpineTracker<'a> {
             self.noise_mm = Some(before + NOISE_MEMORY * (noise_mm - before));
         }
         for (v, (track, is_known)) in self.tracks.iter_mut().zip(&is_known).enumerate() {
-            track.pose = poses[v];
+            // Beside the anchor as it was beside where the anchor was expected: the anchor may have stayed.
+            track.pose = if *is_known || !guesses[v] {
+                anchors[v]
+            } else {
+                anchors[v] * expected[v].inverse() * poses[v]
+            };
             track.anchor = anchors[v];
             track.is_guessed = guesses[v] && !is_known;
             track.n_frames_lost = if *is_known {

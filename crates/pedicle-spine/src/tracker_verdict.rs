@@ -79,7 +79,11 @@ impl SpineTracker<'_> {
         }
         self.doubt_in_chain(fits, &expected, &mut reasons);
         let guesses = self.guesses(fits, &expected);
-        Judged { reasons, guesses }
+        Judged {
+            reasons,
+            guesses,
+            expected,
+        }
     }
 
     /// Every tracked vertebra against the next one that is, be it a neighbour or farther away.
@@ -202,6 +206,8 @@ pub(crate) struct Judged {
     pub(crate) reasons: Vec<Option<LostReason>>,
     /// Which fits, vouched for or not, are good enough to look for the vertebra beside them.
     pub(crate) guesses: Vec<bool>,
+    /// Where each was expected in this frame: its anchor, carried there.
+    pub(crate) expected: Vec<Isometry3<f64>>,
 }
 
 /// What all vertebrae of a frame say together.

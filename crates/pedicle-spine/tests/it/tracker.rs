@@ -169,6 +169,22 @@ fn what_slides_over_the_spine_does_not_carry_it_a_level_away() {
     }
 }
 
+/// Fits that nobody vouches for help to look for vertebrae, however often the spine has moved meanwhile.
+#[test]
+fn a_spine_that_drifts_through_noise_is_found_again_behind_it() {
+    let poses = phantom().poses(0.0);
+    let mut tracker = tracker();
+    for step in 1..=6_u32 {
+        let shift = Translation3::new(0.6 * f64::from(step), 2.0 * f64::from(step), 0.0);
+        let shifted: Vec<_> = poses.iter().map(|pose| shift * pose).collect();
+        let noise_mm = if step < 6 { 3.5 } else { NOISE_MM };
+        let frame = phantom().frame_of(&shifted, u64::from(step), (N_POINTS, noise_mm), &[]);
+        let found = tracker.update(&frame.points).unwrap();
+        let n = assert_right(&found, &frame.truth, &format!("step {step}"));
+        assert_eq!(n, if step < 6 { 0 } else { 5 }, "step {step}: {found:?}");
+    }
+}
+
 #[test]
 fn what_was_lost_for_too_long_is_not_found_again() {
     let options = TrackerOptions {
