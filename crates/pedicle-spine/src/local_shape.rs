@@ -17,6 +17,7 @@ use rayon::prelude::*;
 
 use crate::SpineError;
 use crate::points::PointSet;
+use crate::verdict_noise::median;
 
 /// Neighbours whose mean distance tells whether a point floats alone.
 const NEIGHBORS: usize = 8;
@@ -52,7 +53,7 @@ pub(crate) fn not_alone(points: &[Point3<f64>]) -> Result<Vec<usize>, SpineError
             sum / NEIGHBORS as f64
         })
         .collect();
-    let limit = ALONE_RATIO * middle(spread.clone());
+    let limit = ALONE_RATIO * median(spread.clone());
     Ok((0..points.len())
         .filter(|&p| is_in_company(spread[p], limit))
         .collect())
@@ -61,12 +62,6 @@ pub(crate) fn not_alone(points: &[Point3<f64>]) -> Result<Vec<usize>, SpineError
 /// Points that all coincide are nobody's outliers.
 fn is_in_company(spread_mm: f64, limit_mm: f64) -> bool {
     spread_mm <= limit_mm || limit_mm <= 0.0
-}
-
-/// The middle value; NaN of none.
-fn middle(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
 /// The noise of dense points and their normals.
@@ -141,7 +136,7 @@ impl<'a> Patches<'a> {
                 Some((around.radius_mm, quadric_deviation(&positions)?))
             })
             .unzip();
-        (middle(radii) <= largest_patch_mm).then(|| middle(noise))
+        (median(radii) <= largest_patch_mm).then(|| median(noise))
     }
 }
 
@@ -185,8 +180,8 @@ pub(crate) fn shaped(
 ) -> Result<PointSet, SpineError> {
     let patches = Patches::new(points)?;
     let around: Vec<Around> = points.par_iter().map(|p| patches.around(p)).collect();
-    let limit_mm = ALONE_RATIO * middle(around.iter().map(|a| a.spread_mm).collect());
-    let is_dense = middle(around.iter().map(|a| a.radius_mm).collect()) <= largest_patch_mm;
+    let limit_mm = ALONE_RATIO * median(around.iter().map(|a| a.spread_mm).collect());
+    let is_dense = median(around.iter().map(|a| a.radius_mm).collect()) <= largest_patch_mm;
     let mut places = vec![None; points.len()];
     let mut kept = Vec::with_capacity(points.len());
     for (p, around) in around.into_iter().enumerate() {

@@ -55,6 +55,16 @@ impl Misfit {
         n_pairs: 0,
     };
 
+    /// A right fit of noisy points, for tests of what is said of it.
+    #[cfg(test)]
+    pub(crate) const NOISE_ONLY: Self = Self {
+        covariance_mm2: 0.002,
+        by_noise_mm2: 0.001,
+        deviation_mm2: 0.005,
+        pairs_over_variance: 1.0,
+        n_pairs: 500,
+    };
+
     /// What is left of m² once noise is taken off, mm²: what it does through the curvature of the
     /// bone, and what it may do by chance.
     pub(crate) fn beyond_noise_mm2(&self, in_sigma: f64) -> f64 {

@@ -23,7 +23,7 @@ use crate::SpineError;
 use crate::bone::BoneSurface;
 use crate::model::Vertebra;
 use crate::noise_offset::NoiseOffset;
-use crate::tracker_verdict::median;
+use crate::verdict_noise::median;
 
 /// Pose and size of the noise.
 const N_FREE: usize = 7;

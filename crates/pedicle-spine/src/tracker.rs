@@ -26,8 +26,8 @@ use rand::seq::index;
 use rand_chacha::ChaCha8Rng;
 
 use crate::tracker_fit::Fitted;
-use crate::tracker_verdict::{Judged, median};
-use crate::verdict_noise::second_smallest;
+use crate::tracker_verdict::Judged;
+use crate::verdict_noise::{median, second_smallest};
 use crate::{
     SensorView, SpineError, SpineModel, TrackState, TrackedFrame, TrackedVertebra, TrackerOptions,
     Transfer,
@@ -93,7 +93,8 @@ pub struct SpineTracker<'a> {
     pub(crate) tracks: Vec<Track>,
     /// Running mean over the frames, mm; none before the first one.
     pub(crate) noise_mm: Option<f64>,
-    /// Noise of the sensor as the first result found it, or the first frame that tells it, mm.
+    /// Noise of the sensor as the first result found it, or the first frame that tells it and in which a vertebra is
+    /// tracked, mm.
     pub(crate) sensor_noise_mm: Option<f64>,
     pub(crate) view: Option<SensorView>,
     n_frames: u64,

@@ -25,7 +25,7 @@ use crate::local_shape::{noise_of_points, shaped};
 use crate::misfit::{Misfit, misfit};
 use crate::points::PointSet;
 use crate::tracker::{SpineTracker, Track, thin_out};
-use crate::tracker_verdict::median;
+use crate::verdict_noise::median;
 
 /// Points so near to a vertebra take part, mm: poses are right to a millimetre or two, and soft tissue
 /// close to the bone has to be seen.

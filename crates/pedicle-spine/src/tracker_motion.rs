@@ -1,7 +1,7 @@
 //! Motion from one frame to the next: of the whole spine, of one vertebra, of its neighbours.
 //!
 //! ```text
-//! M = argmin Σ_j ρ( n_j · (M⁻¹ p_j - q_j) ),   q_j on the spine as it was in the last frame
+//! M = argmin Σ_j ρ( n_j · (M⁻¹ p_j - q_j) ),   q_j on the spine as it was vouched for last
 //! D_v = w D_a + (1 - w) D_b                    between the tracked neighbours a above, b below
 //! ```
 //!
@@ -105,7 +105,7 @@ impl ReferenceSurface for PosedSpine<'_> {
     }
 }
 
-/// The motion of the whole spine since the last frame; none if too few points lie near it.
+/// The motion of the whole spine from where it was vouched for last; none if too few points lie near it.
 pub(crate) fn spine_motion(
     spine: &PosedSpine<'_>,
     points: &[Point3<f64>],
@@ -147,10 +147,10 @@ pub(crate) fn neighbours_motion(
     v: usize,
     centroid: &Point3<f64>,
 ) -> Option<Isometry3<f64>> {
-    let above = (0..v).rev().take(REACH_LEVELS);
-    let above = above.into_iter().find_map(|u| Some((v - u, motions[u]?)));
-    let below = (v + 1..motions.len()).take(REACH_LEVELS);
-    let below = below.into_iter().find_map(|u| Some((u - v, motions[u]?)));
+    let mut above = (0..v).rev().take(REACH_LEVELS);
+    let above = above.find_map(|u| Some((v - u, motions[u]?)));
+    let mut below = (v + 1..motions.len()).take(REACH_LEVELS);
+    let below = below.find_map(|u| Some((u - v, motions[u]?)));
     let ((d_a, a), (d_b, b)) = match (above, below) {
         (Some(a), Some(b)) => (a, b),
         (Some((_, only)), None) | (None, Some((_, only))) => return Some(only),

@@ -83,7 +83,7 @@ pub enum LostReason {
     },
     /// It moved farther than a vertebra can between two frames.
     Jumped {
-        /// Beyond the motion of the whole spine, mm.
+        /// Beyond where the whole spine or tracked neighbours have taken it, mm.
         translation_mm: f64,
         /// The same turn, rad.
         rotation_rad: f64,
@@ -146,8 +146,9 @@ pub struct TrackedVertebra {
     pub level: Level,
     /// Whether the pose may be used.
     pub state: TrackState,
-    /// Its rigid motion, source frame to the frame of the points. If it is lost: the last known
-    /// pose, carried along by the neighbours. Where to look for it, not where it is.
+    /// Its rigid motion, source frame to the frame of the points. If it is lost: a fit near the
+    /// last known pose that nobody vouches for, or that pose, carried along by what is tracked. Where to look
+    /// for it, not where it is.
     pub target_from_source: Isometry3<f64>,
     /// Of the pose, about the vertebra's centroid in the target frame; none if it is lost.
     pub covariance: Option<PoseCovariance>,

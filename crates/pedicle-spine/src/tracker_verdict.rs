@@ -16,6 +16,7 @@ use crate::tracker::SpineTracker;
 use crate::tracker_fit::{Fitted, Seen};
 use crate::uncertainty::worst_of_pose;
 use crate::verdict::rejections;
+use crate::verdict_noise::median;
 use crate::verdict_together::chain_rejections;
 use crate::{LostReason, Rejection};
 
@@ -221,11 +222,4 @@ struct Whole {
 
 fn share(n: usize, of: usize) -> f64 {
     if of == 0 { 0.0 } else { n as f64 / of as f64 }
-}
-
-/// The middle value; NaN of none.
-pub(crate) fn median(mut values: Vec<f64>) -> f64 {
-    values.retain(|x| !x.is_nan());
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }

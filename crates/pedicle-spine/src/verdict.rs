@@ -178,14 +178,6 @@ mod tests {
         breach_probability: 1e-6,
     };
 
-    const NOISE_ONLY: Misfit = Misfit {
-        covariance_mm2: 0.002,
-        by_noise_mm2: 0.001,
-        deviation_mm2: 0.005,
-        pairs_over_variance: 1.0,
-        n_pairs: 500,
-    };
-
     fn good() -> Evidence {
         Evidence {
             n_points: 300,
@@ -203,7 +195,7 @@ mod tests {
             landmarks_support_levels: true,
             alternative_margin: 0.4,
             landmark_distance_mm: Some(4.0),
-            misfit: NOISE_ONLY,
+            misfit: Misfit::NOISE_ONLY,
             seen_through: 0.0,
             hidden_share: 0.0,
             sensor_noise_mm: None,

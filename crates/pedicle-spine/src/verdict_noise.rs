@@ -37,6 +37,13 @@ fn sensor_shown_mm(sensor_mm: f64, quiet_noise_mm: f64) -> f64 {
     }
 }
 
+/// The middle value; NaN of none.
+pub(crate) fn median(mut values: Vec<f64>) -> f64 {
+    values.retain(|x| !x.is_nan());
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
 /// The second smallest of some noises; NaN of fewer than two.
 pub(crate) fn second_smallest(mut noises_mm: Vec<f64>) -> f64 {
     noises_mm.retain(|x| !x.is_nan());

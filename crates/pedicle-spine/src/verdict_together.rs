@@ -56,14 +56,6 @@ pub(crate) fn chain_rejections(
 mod tests {
     use super::*;
 
-    const NOISE_ONLY: Misfit = Misfit {
-        covariance_mm2: 0.002,
-        by_noise_mm2: 0.001,
-        deviation_mm2: 0.005,
-        pairs_over_variance: 1.0,
-        n_pairs: 500,
-    };
-
     #[test]
     fn the_chain_names_the_neighbour() {
         let options = VerdictOptions::default();
@@ -102,12 +94,16 @@ mod tests {
             covariance_mm2: 0.4,
             by_noise_mm2: 0.2,
             deviation_mm2: 0.1,
-            ..NOISE_ONLY
+            ..Misfit::NOISE_ONLY
         };
         assert_eq!(pooled_rejection(&[hidden], &options), None, "one alone");
         let found = pooled_rejection(&[hidden; 5], &options).map(|r| r.to_string());
         assert!(found.is_some_and(|r| r.contains("together")), "all five");
-        assert_eq!(pooled_rejection(&[NOISE_ONLY; 5], &options), None, "noise");
+        assert_eq!(
+            pooled_rejection(&[Misfit::NOISE_ONLY; 5], &options),
+            None,
+            "noise"
+        );
         assert_eq!(pooled_rejection(&[], &options), None, "nobody is trusted");
     }
 }
