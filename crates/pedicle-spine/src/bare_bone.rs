@@ -26,8 +26,6 @@ const FRONT_FLOOR_MM: f64 = 0.2;
 /// The same two for the mean of a patch, whose deviation is smaller.
 const PATCH_IN_SIGMA: f64 = 2.5;
 const PATCH_FLOOR_MM: f64 = 0.25;
-/// Points of a patch.
-const PATCH_POINTS: f64 = 24.0;
 /// Noise from which on means are taken twice, mm.
 const SMOOTHER_FROM_MM: [f64; 1] = [0.7];
 /// Share of the points that lie behind what counts as the bone's own offset: a pose that is too deep
@@ -46,11 +44,6 @@ pub(crate) struct BareBone {
     pub(crate) gate_mm: f64,
     /// Number of times the pose has been fitted.
     pub(crate) round: usize,
-}
-
-/// Whether the noise is so small that patches of a part of the points tell bone from tissue as well.
-pub(crate) fn few_points_tell(noise_mm: f64) -> bool {
-    SMOOTHER_FROM_MM.iter().all(|&from| noise_mm <= from)
 }
 
 impl BareBone {
@@ -85,7 +78,13 @@ impl BareBone {
         let factor = ROUND_FACTORS.get(self.round).copied().unwrap_or(1.0);
         let in_front_mm = FRONT_FLOOR_MM + FRONT_IN_SIGMA * noise_mm;
         let n_smoother = SMOOTHER_FROM_MM.iter().filter(|&&s| noise_mm > s).count();
-        let n_reached = PATCH_POINTS * (1 + n_smoother) as f64;
+        // Of points that were thinned out less of every patch is left.
+        let n_left: usize = found
+            .iter()
+            .filter_map(|(p, _)| Some(points.patches.get(*p as usize)?.len()))
+            .sum();
+        let n_patch = (n_left as f64 / found.len().max(1) as f64).max(1.0);
+        let n_reached = n_patch * (1 + n_smoother) as f64;
         let limit_mm = factor * (PATCH_FLOOR_MM + PATCH_IN_SIGMA * noise_mm / n_reached.sqrt());
         let mut mean = vec![f64::NAN; points.positions.len()];
         for &(p, r) in &found {

@@ -31,6 +31,7 @@ pub(crate) struct BoneSurface {
     /// Corners of the triangles around every vertex, as ranges of one list.
     faces_start: Vec<u32>,
     faces_of_vertex: Vec<[u32; 3]>,
+    faces: Vec<[u32; 3]>,
     tree: ImmutableKdTree<f64, 3>,
     cells: Cells,
     /// For every vertex the square of what no place of its triangles is farther from their nearest corner.
@@ -96,6 +97,7 @@ impl BoneSurface {
             normals: mesh.vertex_normals(),
             faces_start,
             faces_of_vertex,
+            faces: mesh.faces().to_vec(),
             tree,
             cells,
             most_reach_mm: reach_squared.iter().copied().fold(0.0, f64_max).sqrt(),
@@ -202,6 +204,15 @@ impl BoneSurface {
             .map_or(within_mm >= MARGIN_MM, |v| {
                 (self.vertices[v as usize] - point).norm() <= within_mm + CELLS_REACH_MM
             })
+    }
+
+    /// Normal at a place of a face, between those of its corners; none where they cancel out.
+    pub(crate) fn normal_at(&self, face: u32, point: &Point3<f64>) -> Option<Vector3<f64>> {
+        let corners = self.faces[face as usize];
+        let [a, b, c] = corners.map(|i| self.vertices[i as usize]);
+        let weights = closest_barycentric(point, &a, &b, &c);
+        let [a, b, c] = corners.map(|i| self.normals[i as usize]);
+        combine(&weights, &a, &b, &c).try_normalize(f64::MIN_POSITIVE)
     }
 
     /// Index of the vertex nearest to a point.

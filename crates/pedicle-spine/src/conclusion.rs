@@ -16,7 +16,7 @@ use crate::shape_change::{ShapeChange, SpineChange};
 use crate::uncertainty::{uncertainty, worst_of_pose};
 use crate::verdict::rejections;
 use crate::verdict_noise::second_smallest;
-use crate::verdict_together::{chain_rejections, pooled_rejection};
+use crate::verdict_together::{behind_rejection, chain_rejections, pooled_rejection};
 use crate::{TrajectoryUncertainty, TransferredTrajectory, VerdictOptions, VertebraTransfer};
 
 /// All that the verdicts rest on.
@@ -74,12 +74,17 @@ impl Conclusion<'_> {
         }
         let together = self.together(&vertebrae, options);
         let shape = self.shape(&vertebrae, options);
+        let seen = self.fit.fits.iter().filter_map(|fit| fit.seen);
+        let shares = seen.map(|seen| seen.behind_share).collect();
+        let noise_mm = self.fit.sensor_noise_mm.unwrap_or(0.0);
+        let behind = behind_rejection(shares, noise_mm, options);
         for (vertebra, fit) in vertebrae.iter_mut().zip(&self.fit.fits) {
             if !vertebra.reasons.is_empty() {
                 continue;
             }
             vertebra.reasons.extend(together.clone());
             vertebra.reasons.extend(shape.clone());
+            vertebra.reasons.extend(behind.clone());
             let tells_shape = fit.shape.as_ref().is_some_and(ShapeChange::is_known);
             if self.fit.needs_shape && !tells_shape {
                 let n_points = vertebra.n_points;
@@ -100,7 +105,8 @@ impl Conclusion<'_> {
         let misfits: Vec<Misfit> = witnesses(vertebrae)
             .map(|v| self.fit.fits[v].misfit)
             .collect();
-        pooled_rejection(&misfits, options)
+        let is_along_rays = self.fit.fits.iter().any(|fit| fit.seen.is_some());
+        pooled_rejection(&misfits, is_along_rays, options)
     }
 
     /// What the points of all bones with a fit say of the plan's shape; none where noise is small.
@@ -147,7 +153,7 @@ impl Conclusion<'_> {
             target_noise_mm: self.fit.noise_mm,
             quiet_noise_mm: second_smallest(noises_mm.collect()),
             is_from_camera: self.fit.is_from_camera,
-            tells_tissue: self.fit.is_from_camera,
+            tells_tissue: fit.seen.is_some(),
             deviations: fit
                 .covariance
                 .map(|c| self.deviations(v, &c, uncertainties)),
@@ -161,10 +167,8 @@ impl Conclusion<'_> {
             misfit: fit.misfit,
             seen_through: fit.seen_through,
             sensor_noise_mm: self.fit.sensor_noise_mm,
-            bare_area_mm2: self
-                .fit
-                .area_of_point_mm2
-                .map(|area_mm2| fit.n_points as f64 * area_mm2),
+            bare_area_mm2: fit.seen.map(|seen| seen.bare_area_mm2),
+            behind_share: fit.seen.map(|seen| seen.behind_share),
         };
         VertebraTransfer {
             level: vertebra.level,
@@ -183,6 +187,7 @@ impl Conclusion<'_> {
             misfit_mm: fit.misfit.depth_mm(),
             seen_through: fit.seen_through,
             hidden_share: fit.hidden_share,
+            behind_share: evidence.behind_share,
             origin: self.found.configuration.origins[v],
             covariance: fit.covariance,
         }
@@ -217,7 +222,7 @@ impl Conclusion<'_> {
             .map(|planned| {
                 let v = planned.level.index();
                 let (vertebra, fit) = (&self.model.vertebrae[v], &self.fit.fits[v]);
-                let anatomy = (vertebra.anatomy.as_ref(), &vertebra.frame);
+                let anatomy = (&vertebra.anatomy, &vertebra.frame);
                 let covariance = fit.covariance.as_ref()?;
                 Some(uncertainty(
                     planned,

@@ -1,32 +1,33 @@
 //! What a covariance of the first order leaves out.
 //!
 //! ```text
-//! C' = C (1 + 0.12 σ)² g c²
+//! C' = C (1 + 0.12 σ)² g
 //! ```
 //!
-//! σ is the noise of the fit in mm, g what correlated residuals do to sums ([`crate::misfit`]), c what a camera adds:
-//! its rays, and tissue where its noise hides it.
+//! σ is the noise of the fit in mm, g what correlated residuals do to sums ([`crate::misfit`]).
 
 use pedicle_registration::PoseCovariance;
 
-use crate::finish::{Sensor, TELLS_TISSUE_MM};
+use crate::finish::Sensor;
 use crate::misfit::Misfit;
 
 /// First-order covariances are too small on noisy targets, by about this much per millimetre of
 /// noise. With it the normalised error squared over 6 was 0.83 to 1.19 on meshes at 0.5 to 2 mm.
 const INFLATION_PER_MM: f64 = 0.12;
 
-/// A camera errs along its rays and more at small angles: errors of valid poses were this much larger
-/// than their covariances said.
+/// A camera whose rays are not used errs along them and more at small angles: errors of valid poses were this much
+/// larger than their covariances said.
 const INFLATION_OF_CAMERA: f64 = 1.15;
-/// Where soft tissue is seen close to the bone and the noise is too large to tell it apart, some is taken for
-/// bone: errors were two to three times as large again. From this share of the points close to the bone on
-/// in full.
+
+/// Up to this noise of a camera bone is told from tissue by distances to the closest places, mm.
+const TELLS_TISSUE_MM: f64 = 1.0;
+/// Where soft tissue is seen close to the bone and the noise is larger, some is taken for bone: errors were two to three
+/// times as large again. From this share of the points close to the bone on in full.
 const TISSUE_SHARE: f64 = 0.05;
 /// What it adds to the factor.
 const INFLATION_OF_TISSUE: f64 = 2.0;
 
-/// By how much the errors of a camera exceed those of the first order.
+/// By how much the errors of a camera whose rays are not used exceed those of the first order.
 fn inflation_of_camera(noise_mm: f64, hidden_share: f64) -> f64 {
     if noise_mm <= TELLS_TISSUE_MM {
         return INFLATION_OF_CAMERA;
@@ -43,14 +44,14 @@ pub(crate) fn enlarged(
     misfit: &Misfit,
 ) -> PoseCovariance {
     let factor = 1.0 + INFLATION_PER_MM * noise_mm;
-    // What noise does through the curvature is in the first factor already, but for a camera it does
-    // more.
-    let (factor, grown) = match sensor.noise_mm {
-        Some(sensor_mm) => (
+    // What noise does through the curvature is in the first factor already, but where a sensor is known it does more.
+    let (factor, grown) = match (sensor.picture, sensor.noise_mm) {
+        (Some(_), _) => (factor, misfit.inflation(0.0)),
+        (None, Some(sensor_mm)) => (
             inflation_of_camera(sensor_mm, hidden_share) * factor,
             misfit.inflation(0.0),
         ),
-        None => (factor, misfit.inflation(misfit.by_noise_mm2)),
+        (None, None) => (factor, misfit.inflation(misfit.by_noise_mm2)),
     };
     PoseCovariance {
         matrix: covariance.matrix * (factor * factor * grown),

@@ -37,6 +37,8 @@ pub(crate) struct Evidence {
     pub(crate) sensor_noise_mm: Option<f64>,
     /// Area of the bare bone that a camera saw, mm²; none without a camera, and where its points lie too far apart.
     pub(crate) bare_area_mm2: Option<f64>,
+    /// Of the points on or behind the bone the share behind it; none where the area is.
+    pub(crate) behind_share: Option<f64>,
 }
 
 /// Standard deviations of a pose in the worst direction: of the vertebra's centroid, of its

@@ -6,18 +6,20 @@ use pedicle_registration::{PoseCovariance, RefineOptions, Refinement, refine_on_
 use rayon::prelude::*;
 
 use crate::SpineError;
-use crate::bare_bone::{BareBone, few_points_tell};
+use crate::along_rays::{CameraView, SeenFromCamera, along_rays};
+use crate::bare_bone::BareBone;
 use crate::bone::BoneSurface;
 use crate::enlarged::enlarged;
 use crate::explained::Explained;
 use crate::free_space::FreeSpace;
-use crate::misfit::{Misfit, misfit};
+use crate::local_shape::Local;
+use crate::misfit::{Misfit, misfit, misfit_along_rays};
 use crate::model::Vertebra;
 use crate::noise_offset::BENDS_FROM_MM;
 use crate::points::PointSet;
 use crate::scoring::{ScoreTable, UNASSIGNED, points_of};
+use crate::seen_bone::SeenBone;
 use crate::shape_change::ShapeChange;
-use crate::tissue_mixture::{AmongTissue, among_tissue};
 
 /// Rounds of giving points to vertebrae and fitting.
 const ROUNDS: usize = 3;
@@ -28,8 +30,8 @@ const ROUNDS_BEFORE: usize = 2;
 /// Rounds before the last ones take so many steps at most: their points change.
 const LAST_ROUNDS: usize = 2;
 const EARLY_STEPS: usize = 6;
-/// Points of those rounds, of all bones, where there are normals to choose among them.
-const EARLY_POINTS: usize = 5000;
+/// Points of all bones from which the start of a fit along the rays is found.
+const START_POINTS: usize = 5000;
 /// The gate in standard deviations of the noise: farther points are not this vertebra's.
 const GATE_IN_SIGMA: f64 = 5.0;
 /// Smallest gate of the first round and bounds of the later ones, mm.
@@ -50,6 +52,8 @@ pub(crate) struct Fit {
     /// About the vertebra's centroid in the target frame.
     pub(crate) covariance: Option<PoseCovariance>,
     pub(crate) n_points: usize,
+    /// What a camera says of it; none without one, and where its points lie too far apart.
+    pub(crate) seen: Option<SeenFromCamera>,
     /// Share of the target points nearest to this vertebra that lie on it within the noise of
     /// the whole target.
     pub(crate) explained_share: f64,
@@ -71,26 +75,25 @@ pub(crate) struct Sensor<'a> {
     /// Noise estimated from the target alone, mm.
     pub(crate) noise_mm: Option<f64>,
     pub(crate) free_space: Option<&'a FreeSpace>,
+    /// What its points tell of themselves along its rays.
+    pub(crate) picture: Option<&'a Local>,
 }
 
 /// The fitted noise is this much larger than the sensor's own, the median of patches: it grows where
 /// the surface is seen at a small angle.
 const SENSOR_TO_SURFACE: f64 = 1.15;
 
-/// Up to this noise of a camera patches of its points tell bone from tissue, mm: there the normalised error
-/// squared over 6 is 0.5 to 1.0 (2.0 just below it, for one vertebra 0.5 mm off), above it 3 with values of 10 to 17.
-pub(crate) const TELLS_TISSUE_MM: f64 = 1.0;
-
-impl Sensor<'_> {
-    /// The noise of a camera that tells bone from tissue.
-    fn noise_to_tell_tissue_mm(&self) -> Option<f64> {
-        let noise_mm = self.noise_mm?;
-        (self.free_space.is_some() && noise_mm <= TELLS_TISSUE_MM).then_some(noise_mm)
-    }
-
-    /// Whether a part of the points of a camera tells bone from tissue.
-    fn few_points_tell(&self) -> bool {
-        self.free_space.is_some() && self.noise_mm.is_some_and(few_points_tell)
+impl<'a> Sensor<'a> {
+    /// What a camera saw, if its points are dense enough to make a picture.
+    pub(crate) fn view_of(&self, positions: &'a [Point3<f64>]) -> Option<CameraView<'a>> {
+        let picture = self.picture?;
+        Some(CameraView {
+            camera_mm: self.free_space?.camera_mm(),
+            positions,
+            normals: &picture.normals,
+            patches: &picture.patches,
+            noise_mm: picture.noise_mm,
+        })
     }
 
     /// The noise that the sensor answers for: tissue taken for bone makes the residuals larger.
@@ -122,8 +125,6 @@ pub(crate) struct SpineFit {
     pub(crate) noise_mm: f64,
     /// The same from the target alone.
     pub(crate) sensor_noise_mm: Option<f64>,
-    /// Area that a point of a camera stands for, mm².
-    pub(crate) area_of_point_mm2: Option<f64>,
     /// Share of the target points that no vertebra explains.
     pub(crate) unexplained_share: f64,
     /// Whether noise hides the bumps of the bones: then their shape is judged by [`Fit::shape`].
@@ -140,14 +141,13 @@ pub(crate) struct FinePoints {
 }
 
 impl FinePoints {
-    /// The points of the rounds before the last ones where fewer give the same pose; else none.
-    fn early(&self, sensor: &Sensor<'_>) -> Option<Self> {
-        let stride = self.points.positions.len() / EARLY_POINTS;
-        (sensor.few_points_tell() && stride > 1).then(|| Self {
+    /// Every so many points.
+    fn every(&self, stride: usize) -> Self {
+        Self {
             points: self.points.every(stride),
             piece: self.piece.iter().step_by(stride).copied().collect(),
             n_pieces: self.n_pieces,
-        })
+        }
     }
 }
 
@@ -167,15 +167,15 @@ pub(crate) fn finish(
         Some(_) => KNOWN_ROUNDS,
         None => ROUNDS,
     };
-    let early = target.early(sensor);
-    // Where every point is weighed afterwards, one round with all of them is enough.
-    let n_last = if early.is_some() { 1 } else { LAST_ROUNDS };
+    // Where a fit along the rays follows, these are its start.
+    let (stride, n_last) = match sensor.picture {
+        Some(_) => ((target.points.positions.len() / START_POINTS).max(1), 0),
+        None => (1, LAST_ROUNDS),
+    };
+    let few = (stride > 1).then(|| target.every(stride));
     for round in 0..n_rounds {
         let is_early = round + n_last < n_rounds;
-        let target = match &early {
-            Some(early) if is_early => early,
-            _ => target,
-        };
+        let target = few.as_ref().unwrap_or(target);
         let mut owners = ScoreTable::new(&bones, &poses, &target.points, gate_mm).owners();
         settle_pieces(&mut owners, target, vertebrae.len());
         lists = points_of(&owners, vertebrae.len());
@@ -215,16 +215,23 @@ pub(crate) fn finish(
         }
     }
 
-    if let Some(sensor_mm) = sensor.noise_to_tell_tissue_mm() {
-        let known = (sensor_mm, gate_mm);
-        weigh_tissue(
-            vertebrae,
-            target,
-            known,
-            &mut refinements,
-            &mut poses,
-            &mut lists,
-        );
+    for p in lists.iter_mut().flatten() {
+        *p *= stride as u32;
+    }
+    let mut seen = vec![None; vertebrae.len()];
+    if let (Some(view), Some(picture)) = (sensor.view_of(&target.points.positions), sensor.picture)
+    {
+        let view = (view, picture.area_of_point);
+        let found = along_rays(vertebrae, view, &poses, &refinements, &lists);
+        for (v, found) in found.into_iter().enumerate() {
+            match (found, refinements[v].as_mut()) {
+                (Some(found), Some(fit)) => {
+                    seen[v] = Some(found.replace(fit, &mut poses[v], &mut lists[v]));
+                }
+                // Where bare bone does not fix the pose, there is no fit: its covariance would not know.
+                _ => refinements[v] = None,
+            }
+        }
     }
 
     let noise_mm = median_noise(&refinements);
@@ -256,7 +263,13 @@ pub(crate) fn finish(
             let own = select(&target.points.positions, &lists[v]);
             let fitted_mm = refinement.as_ref().map_or(noise_mm, |fit| fit.noise_mm);
             let believable_mm = sensor.believable_mm(fitted_mm);
-            let misfit = misfit(&vertebra.bone, &poses[v], &own, gate_mm, believable_mm)?;
+            let misfit = match sensor.view_of(&target.points.positions) {
+                Some(view) => {
+                    let sight = SeenBone::of(vertebra).before(view.camera_mm, &poses[v]);
+                    misfit_along_rays(&sight, &own, gate_mm)?
+                }
+                None => misfit(&vertebra.bone, &poses[v], &own, gate_mm, believable_mm)?,
+            };
             let shown = shown_samples(vertebra, &poses[v], &own, noise_mm)?;
             let posterior = shown
                 .iter()
@@ -274,6 +287,7 @@ pub(crate) fn finish(
                     )
                 }),
                 n_points: own.len(),
+                seen: seen[v],
                 explained_share: explained.share_of(v),
                 hidden_share: explained.hidden_share(v),
                 misfit,
@@ -292,49 +306,11 @@ pub(crate) fn finish(
     Ok(SpineFit {
         fits,
         noise_mm,
-        sensor_noise_mm: sensor.noise_mm,
-        area_of_point_mm2: sensor
-            .free_space
-            .and_then(|_| target.points.area_of_point_mm2()),
+        sensor_noise_mm: sensor.picture.map(|p| p.noise_mm).or(sensor.noise_mm),
         unexplained_share: explained.unexplained_share(),
         needs_shape,
         is_from_camera: sensor.free_space.is_some(),
     })
-}
-
-/// Fits anew to points weighed by what they probably are: refinements, poses and the points on bone.
-fn weigh_tissue(
-    vertebrae: &[Vertebra],
-    target: &FinePoints,
-    (sensor_mm, gate_mm): (f64, f64),
-    refinements: &mut [Option<Refinement>],
-    poses: &mut [Isometry3<f64>],
-    lists: &mut [Vec<u32>],
-) {
-    let bones: Vec<&BoneSurface> = vertebrae.iter().map(|v| &v.bone).collect();
-    let owners = ScoreTable::new(&bones, poses, &target.points, gate_mm).owners();
-    let found: Vec<Option<AmongTissue>> = (0..vertebrae.len())
-        .into_par_iter()
-        .map(|v| {
-            refinements[v].as_ref()?;
-            let points = (&target.points, sensor_mm);
-            among_tissue(&vertebrae[v].bone, v as u8, &owners, &poses[v], points)
-        })
-        .collect();
-    for (v, found) in found.into_iter().enumerate() {
-        // Where bare bone does not fix the pose, there is no fit: its covariance would not know.
-        let Some(found) = found else {
-            refinements[v] = None;
-            continue;
-        };
-        poses[v] = found.target_from_source;
-        lists[v] = found.bare;
-        if let Some(refinement) = refinements[v].as_mut() {
-            refinement.target_from_source = found.target_from_source;
-            refinement.noise_mm = found.noise_mm;
-            refinement.covariance = found.covariance;
-        }
-    }
 }
 
 pub(crate) fn select(points: &[Point3<f64>], chosen: &[u32]) -> Vec<Point3<f64>> {

@@ -112,6 +112,11 @@ impl FreeSpace {
         })
     }
 
+    /// Where the camera stands, target frame.
+    pub(crate) fn camera_mm(&self) -> &Point3<f64> {
+        &self.camera
+    }
+
     /// Unit vector from a point of the target frame to the camera.
     pub(crate) fn towards_camera(&self, point: &Point3<f64>) -> Vector3<f64> {
         (self.camera - point)

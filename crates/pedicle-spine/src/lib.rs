@@ -45,6 +45,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod along_rays;
 mod bare_bone;
 mod bone;
 mod cell_grid;
@@ -58,6 +59,7 @@ mod explained;
 mod finish;
 mod free_space;
 mod hypotheses;
+mod image_shape;
 mod landmark_evidence;
 mod local_shape;
 mod map;
@@ -77,6 +79,7 @@ mod scoring;
 mod search;
 mod search_levels;
 mod search_mix;
+mod seen_bone;
 mod shape_change;
 mod starts;
 mod target;

@@ -64,13 +64,31 @@ fn is_in_company(spread_mm: f64, limit_mm: f64) -> bool {
     spread_mm <= limit_mm || limit_mm <= 0.0
 }
 
+/// Area that a point of a picture stands for, across its ray.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct PointArea {
+    pub(crate) mm2: f64,
+    /// At this depth; it grows with its square.
+    pub(crate) depth_mm: f64,
+}
+
+impl PointArea {
+    /// Without a camera.
+    const UNKNOWN: Self = Self {
+        mm2: f64::NAN,
+        depth_mm: f64::NAN,
+    };
+}
+
 /// The noise of dense points and their normals.
+#[derive(Debug)]
 pub(crate) struct Local {
     /// Median over samples of the deviation of a patch from its own best quadric
     /// z = a + bx + cy + dx² + exy + fy², corrected for its six unknowns.
     pub(crate) noise_mm: f64,
     pub(crate) normals: Vec<Vector3<f64>>,
     pub(crate) patches: Vec<Vec<u32>>,
+    pub(crate) area_of_point: PointArea,
 }
 
 /// What is around a point.
@@ -168,6 +186,7 @@ pub(crate) fn local_shape(
         noise_mm,
         normals,
         patches,
+        area_of_point: PointArea::UNKNOWN,
     }))
 }
 

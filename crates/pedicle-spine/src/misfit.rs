@@ -20,6 +20,7 @@ use pedicle_registration::ReferenceSurface;
 use crate::SpineError;
 use crate::bone::BoneSurface;
 use crate::local_shape::tree_of;
+use crate::seen_bone::Sight;
 
 /// Points are compared with those this near, mm.
 pub(crate) const PATCH_MM: f64 = 6.0;
@@ -128,7 +129,7 @@ pub(crate) fn misfit(
     noise_mm: f64,
 ) -> Result<Misfit, SpineError> {
     let inverse = pose.inverse();
-    let mut within: Vec<OnBone> = points
+    let within: Vec<OnBone> = points
         .iter()
         .filter_map(|p| {
             let point = inverse * p;
@@ -140,6 +141,31 @@ pub(crate) fn misfit(
             })
         })
         .collect();
+    let by_curvature = CURVATURE_PER_MM * noise_mm * noise_mm;
+    compared(within, by_curvature * by_curvature)
+}
+
+/// The same of what a camera saw, by distances along its rays: noise leaves no bumps there.
+pub(crate) fn misfit_along_rays(
+    sight: &Sight<'_>,
+    points: &[Point3<f64>],
+    gate_mm: f64,
+) -> Result<Misfit, SpineError> {
+    let within = points
+        .iter()
+        .filter_map(|p| {
+            let hit = sight.hit(p, gate_mm)?;
+            Some(OnBone {
+                point: hit.point,
+                normal: hit.normal,
+                residual: hit.residual_mm,
+            })
+        })
+        .collect();
+    compared(within, 0.0)
+}
+
+fn compared(mut within: Vec<OnBone>, by_noise_mm2: f64) -> Result<Misfit, SpineError> {
     let stride = within.len().div_ceil(MAX_POINTS).max(1);
     if stride > 1 {
         within = within.into_iter().step_by(stride).collect();
@@ -156,10 +182,9 @@ pub(crate) fn misfit(
     let covariance_mm2 = covariance(&residuals, &pairs);
     let variance = mean_square(&residuals);
 
-    let by_curvature = CURVATURE_PER_MM * noise_mm * noise_mm;
     Ok(Misfit {
         covariance_mm2,
-        by_noise_mm2: by_curvature * by_curvature,
+        by_noise_mm2,
         deviation_mm2: variance / (n_pairs as f64).sqrt(),
         // Of the points that were thinned out every one has as many pairs again.
         pairs_over_variance: if variance > 0.0 {

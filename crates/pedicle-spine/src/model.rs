@@ -1,5 +1,7 @@
 //! The pre-operative spine, prepared once and used for any number of targets.
 
+use std::sync::Arc;
+
 use nalgebra::Point3;
 use pedicle_mesh::{SurfaceIndex, TriMesh, concatenate};
 use pedicle_trajectory::{
@@ -52,8 +54,10 @@ pub(crate) struct Vertebra {
     pub(crate) is_posterior: Vec<bool>,
     /// The surface in pieces of about equal area.
     pub(crate) patches: Vec<Patch>,
+    /// Its surface ready for rays.
+    pub(crate) index: Arc<SurfaceIndex>,
     /// Its pedicles, as far as they can be measured.
-    pub(crate) anatomy: Option<Anatomy>,
+    pub(crate) anatomy: Anatomy,
 }
 
 /// The source spine: five vertebrae with their search structures and bases.
@@ -183,16 +187,13 @@ impl SpineModel {
     /// A pedicle in the source frame; none where it could not be measured.
     #[must_use]
     pub fn pedicle(&self, level: Level, side: Side) -> Option<&Pedicle> {
-        self.vertebrae[level.index()]
-            .anatomy
-            .as_ref()?
-            .pedicle(side)
+        self.vertebrae[level.index()].anatomy.pedicle(side)
     }
 
-    /// The full-resolution surface of a vertebra, ready for queries; none where it has no index.
+    /// The full-resolution surface of a vertebra, ready for queries.
     #[must_use]
-    pub fn surface(&self, level: Level) -> Option<&SurfaceIndex> {
-        Some(self.vertebrae[level.index()].anatomy.as_ref()?.surface())
+    pub fn surface(&self, level: Level) -> &SurfaceIndex {
+        &self.vertebrae[level.index()].index
     }
 
     /// Whether every trajectory of a plan lies on the vertebra and the side that it names.
@@ -261,6 +262,7 @@ fn prepared(
     whole: &SourceView,
 ) -> Result<Vertebra, SpineError> {
     let bone = BoneSurface::new(&vertebra.surface)?;
+    let index = Arc::new(SurfaceIndex::new(&vertebra.surface).map_err(mesh_error)?);
     let coarse_mesh = part_of(whole, v as u8)?;
     check_landmark(&bone, &landmark, vertebra.level)?;
     let vertices = whole.shape.mesh.vertices().iter();
@@ -273,7 +275,8 @@ fn prepared(
         level: vertebra.level,
         bone,
         coarse: BoneSurface::new(&coarse_mesh)?,
-        anatomy: Anatomy::new(&vertebra.surface, &frame),
+        anatomy: Anatomy::new(&vertebra.surface, Arc::clone(&index), &frame),
+        index,
         landmark,
         area_mm2: vertebra.surface.area(),
         is_posterior: samples.iter().map(|p| is_exposed(p, &frame)).collect(),

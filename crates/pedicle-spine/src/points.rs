@@ -26,25 +26,6 @@ pub(crate) struct PointSet {
 }
 
 impl PointSet {
-    /// Area that a point stands for: the median of π r² / n over patches of n points that reach r far, mm²;
-    /// none where there are no patches.
-    pub(crate) fn area_of_point_mm2(&self) -> Option<f64> {
-        let mut areas: Vec<f64> = self
-            .patches
-            .iter()
-            .zip(&self.positions)
-            .map(|(patch, p)| {
-                let squared = patch
-                    .iter()
-                    .map(|&q| (self.positions[q as usize] - p).norm_squared())
-                    .fold(0.0, |most, d| if d > most { d } else { most });
-                std::f64::consts::PI * squared / patch.len().max(1) as f64
-            })
-            .collect();
-        areas.sort_by(f64::total_cmp);
-        areas.get(areas.len() / 2).copied()
-    }
-
     /// Whether a point may lie on a surface with this normal, given in the target frame.
     pub(crate) fn agrees(&self, point: usize, normal: &Vector3<f64>) -> bool {
         let Some(own) = self.normals.get(point) else {

@@ -9,7 +9,8 @@ use rand::seq::index;
 use rand_chacha::ChaCha8Rng;
 
 use crate::finish::FinePoints;
-use crate::local_shape::{local_shape, not_alone};
+use crate::image_shape::image_shape;
+use crate::local_shape::{Local, local_shape, not_alone};
 use crate::map_shape::clean;
 use crate::model::{MAX_LANDMARK_DISTANCE_MM, SpineModel};
 use crate::points::PointSet;
@@ -26,6 +27,7 @@ pub(crate) struct Prepared {
     pub(crate) mesh: Option<TriMesh>,
     /// Points to register, with the loose pieces they belong to.
     pub(crate) fine: FinePoints,
+    pub(crate) picture: Option<Local>,
     pub(crate) repair: RepairReport,
     pub(crate) n_points_alone: usize,
     /// Noise along the normals estimated from the target alone, mm; none if its points lie too
@@ -68,10 +70,16 @@ pub(crate) fn prepare(
     };
     let n_points_alone = points.len() - kept.len();
     let mut fine = sample(points, mesh.as_ref(), kept, n_fine, rng);
+    let positions = &fine.points.positions;
     let local = if is_measured {
-        local_shape(&fine.points.positions, LARGEST_PATCH_MM)?
+        local_shape(positions, LARGEST_PATCH_MM)?
     } else {
         None
+    };
+    // The search needs what points tell in space, the last fit what they tell in the picture.
+    let picture = match (&target.view, &local) {
+        (Some(view), Some(_)) => image_shape(positions, view, LARGEST_PATCH_MM)?,
+        _ => None,
     };
     let sensor_noise_mm = local.as_ref().map(|local| local.noise_mm);
     if let Some(local) = local {
@@ -89,6 +97,7 @@ pub(crate) fn prepare(
     Ok(Prepared {
         mesh,
         fine,
+        picture,
         repair,
         n_points_alone,
         sensor_noise_mm,

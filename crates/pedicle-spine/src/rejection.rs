@@ -65,6 +65,10 @@ pub enum Rejection {
     BonesDiffer { excess: f64, larger: [f64; 3] },
     /// The camera saw through where the bone would be.
     SeenThrough { share: f64, max: f64 },
+    /// The camera saw points behind the bone, which would hide them.
+    BehindBone { share: f64, max: f64 },
+    /// The same of the bones of the whole spine.
+    BehindSpine { share: f64, max: f64 },
     /// Too much of what lies close to the bone lies a little in front of it.
     Hidden { share: f64, max: f64 },
     /// It lies far from where the user put its landmark.
@@ -234,6 +238,19 @@ impl std::fmt::Display for Rejection {
             Self::SeenThrough { share, max } => write!(
                 f,
                 "the camera saw through {:.0} % of where the bone would be (at most {:.0} %)",
+                100.0 * share,
+                100.0 * max
+            ),
+            Self::BehindBone { share, max } => write!(
+                f,
+                "{:.1} % of what was measured on the bone lies behind it (at most {:.1} %): is this the right level?",
+                100.0 * share,
+                100.0 * max
+            ),
+            Self::BehindSpine { share, max } => write!(
+                f,
+                "of most vertebrae {:.1} % and more of what was measured on them lies behind them (at most {:.1} %): \
+                 is this the right patient?",
                 100.0 * share,
                 100.0 * max
             ),

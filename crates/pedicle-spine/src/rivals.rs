@@ -12,7 +12,7 @@ use nalgebra::{Isometry3, Point3};
 use pedicle_registration::{ReferenceSurface, RefineOptions, pose_error, refine_on_surface};
 use rayon::prelude::*;
 
-use crate::bare_bone::{BareBone, few_points_tell};
+use crate::bare_bone::BareBone;
 use crate::bone::BoneSurface;
 use crate::finish::{FinePoints, Sensor};
 use crate::model::Vertebra;
@@ -25,8 +25,8 @@ const GATES_MM: [f64; 4] = [6.0, 4.0, 3.0, 2.5];
 const STEPS: usize = 5;
 /// Points of a fit.
 const FIT_POINTS: usize = 900;
-/// Points near a bone that the fits before the last one choose from where the noise is small: a pose that is
-/// off by millimetres needs no more to get nearer.
+/// Points near a bone that the fits before the last one choose from: a pose that is off by millimetres needs no more to
+/// get nearer.
 const EARLY_POINTS: usize = 1000;
 /// Poses no farther apart than this lead to the same, mm and rad.
 const SAME: (f64, f64) = (1.0, 0.03);
@@ -120,17 +120,12 @@ impl<'a> Rivals<'a> {
         let mut pose = *start;
         let last_mm = self.sensor.gate_mm(self.noise_mm);
         let n_near = self.within_reach(v, claimable, &pose, GATES_MM[0]).len();
-        let may_be_few = few_points_tell(self.noise_mm);
-        let stride = if may_be_few {
-            n_near.div_ceil(EARLY_POINTS).max(1)
-        } else {
-            1
-        };
+        let stride = n_near.div_ceil(EARLY_POINTS).max(1);
         let early: Vec<u32> = claimable.iter().step_by(stride).copied().collect();
         for (round, &gate_mm) in GATES_MM.iter().enumerate() {
             let gate_mm = if gate_mm > last_mm { gate_mm } else { last_mm };
             let is_last = round + 1 == GATES_MM.len();
-            let kept = kept.filter(|_| may_be_few && is_last);
+            let kept = kept.filter(|_| is_last);
             if let Some(kept) = kept.filter(|kept| self.is_same(v, &pose, &kept.0)) {
                 return *kept;
             }

@@ -120,8 +120,11 @@ impl<'a> SpineTracker<'a> {
             .map(|(v, found)| Track::new(found.target_from_source, found.accepted, quiet_beside(v)))
             .collect();
         let mut tracker = Self::from_tracks(model, tracks, options)?;
+        // What a camera's picture tells is not what the points of a frame tell in space: that is found anew.
+        if transfer.vertebrae.iter().all(|v| v.bare_area_mm2.is_none()) {
+            tracker.sensor_noise_mm = transfer.sensor_noise_mm;
+        }
         tracker.noise_mm = Some(transfer.noise_mm).filter(|noise| noise.is_finite());
-        tracker.sensor_noise_mm = transfer.sensor_noise_mm;
         Ok(tracker)
     }
 

@@ -16,6 +16,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use crate::SpineError;
+use crate::along_rays::{CameraView, behind_share};
 use crate::bare_bone::BareBone;
 use crate::enlarged::enlarged;
 use crate::explained::{CLOSE_MM, EXPLAINED_FLOOR_MM, EXPLAINED_IN_SIGMA};
@@ -65,6 +66,8 @@ pub(crate) struct Fitted {
     pub(crate) n_hiding: usize,
     pub(crate) seen_through: f64,
     pub(crate) misfit: Misfit,
+    /// Of the points on or behind the bone the share behind it; none without a camera.
+    pub(crate) behind_share: Option<f64>,
 }
 
 impl Fitted {
@@ -123,6 +126,7 @@ impl SpineTracker<'_> {
         let sensor = Sensor {
             noise_mm: seen.noise_mm,
             free_space: seen.free_space.as_ref(),
+            picture: None,
         };
         let gate_mm = sensor.gate_mm(self.noise_mm.unwrap_or(0.0));
         let mut poses = poses.to_vec();
@@ -183,9 +187,15 @@ impl SpineTracker<'_> {
                     n_hiding: 0,
                     seen_through: 0.0,
                     misfit: Misfit::UNKNOWN,
+                    behind_share: None,
                 };
                 self.count(&mut fitted, v, (seen, &owned[v]), noise_mm);
-                self.doubts(&mut fitted, v, (seen, &bare[v]), (&sensor, gate_mm))?;
+                self.doubts(
+                    &mut fitted,
+                    v,
+                    (seen, &bare[v], &owned[v]),
+                    (&sensor, gate_mm),
+                )?;
                 Ok(fitted)
             })
             .collect()
@@ -258,7 +268,7 @@ impl SpineTracker<'_> {
         &self,
         fitted: &mut Fitted,
         v: usize,
-        (seen, own): (&Seen, &[u32]),
+        (seen, own, owned): (&Seen, &[u32], &[u32]),
         (sensor, gate_mm): (&Sensor<'_>, f64),
     ) -> Result<(), SpineError> {
         let vertebra = &self.model.vertebrae[v];
@@ -270,6 +280,16 @@ impl SpineTracker<'_> {
         fitted.misfit = misfit(&vertebra.bone, pose, &points, gate_mm, fit.noise_mm)?;
         if let Some(free_space) = &seen.free_space {
             fitted.seen_through = free_space.contradiction(&vertebra.patches, pose).of_bone;
+        }
+        if let (Some(free_space), Some(noise_mm)) = (&seen.free_space, seen.noise_mm) {
+            let view = CameraView {
+                camera_mm: free_space.camera_mm(),
+                positions: &seen.points.positions,
+                normals: &seen.points.normals,
+                patches: &seen.points.patches,
+                noise_mm,
+            };
+            fitted.behind_share = Some(behind_share(vertebra, pose, owned, view));
         }
         let first_order = fit.covariance.about(&(pose * self.centroid(v)));
         let all = fitted.n_hiding + fitted.n_explained;

@@ -42,7 +42,12 @@ impl Default for TrackerOptions {
             max_jump_rad: 0.14,
             max_spine_jump_mm: 15.0,
             max_frames_lost: 100,
-            verdict: VerdictOptions::default(),
+            // Frames are fitted to the closest places, which tell less of a noisier camera than its rays.
+            verdict: VerdictOptions {
+                max_noise_of_camera_mm: 1.5,
+                max_behind_share: 0.06,
+                ..VerdictOptions::default()
+            },
             seed: 0,
         }
     }

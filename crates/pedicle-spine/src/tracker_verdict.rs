@@ -160,6 +160,7 @@ impl SpineTracker<'_> {
             sensor_noise_mm: whole.sensor_noise_mm,
             // How much bare bone is enough, the first result has settled as well.
             bare_area_mm2: Some(f64::INFINITY),
+            behind_share: own.behind_share,
         };
         let found = rejections(&evidence, &self.options.verdict)
             .into_iter()

@@ -83,6 +83,9 @@ pub struct VertebraTransfer {
     /// Of the target's points close to the bone the share that lies a little in front of it, as soft
     /// tissue does; 0 without a camera.
     pub hidden_share: f64,
+    /// Of the target's points on or behind the bone the share behind it, where bone would hide them from a camera;
+    /// none without one.
+    pub behind_share: Option<f64>,
     /// Where the pose came from.
     pub origin: Origin,
     /// Covariance of the pose about the vertebra's centroid, made larger for what the first order
@@ -219,6 +222,7 @@ pub fn transfer_with_progress(
     let sensor = Sensor {
         noise_mm: prepared.sensor_noise_mm,
         free_space,
+        picture: prepared.picture.as_ref(),
     };
     let found = match prepared.sensor_noise_mm {
         Some(noise_mm) if free_space.is_some() => {
@@ -246,7 +250,7 @@ pub fn transfer_with_progress(
             n_faces_not_in_map,
             n_points_alone: prepared.n_points_alone,
         },
-        sensor_noise_mm: prepared.sensor_noise_mm,
+        sensor_noise_mm: fit.sensor_noise_mm,
         noise_mm: fit.noise_mm,
         unexplained_share: fit.unexplained_share,
         level_margin: found.level_margin,

@@ -54,7 +54,7 @@ pub struct TrajectoryUncertainty {
 
 /// What is measured once on the source.
 pub(crate) struct Anatomy {
-    surface: SurfaceIndex,
+    surface: Arc<SurfaceIndex>,
     /// Left, right; none where it could not be measured.
     pedicles: [Option<Pedicle>; 2],
     /// Rooms around the last screws asked for: every target asks for the same ones.
@@ -73,25 +73,23 @@ impl std::fmt::Debug for Anatomy {
 }
 
 impl Anatomy {
-    /// None if the surface cannot be indexed.
-    pub(crate) fn new(surface: &TriMesh, frame: &AnatomicalFrame) -> Option<Self> {
-        let index = SurfaceIndex::new(surface).ok()?;
+    pub(crate) fn new(
+        surface: &TriMesh,
+        index: Arc<SurfaceIndex>,
+        frame: &AnatomicalFrame,
+    ) -> Self {
         let options = PedicleOptions::default();
         let measured = |side| measure_pedicle(surface, &index, frame, side, &options).ok();
         let pedicles = [measured(Side::Left), measured(Side::Right)];
-        Some(Self {
+        Self {
             surface: index,
             pedicles,
             rooms: Mutex::default(),
-        })
+        }
     }
 
     pub(crate) fn pedicle(&self, side: Side) -> Option<&Pedicle> {
         self.pedicles[side as usize].as_ref()
-    }
-
-    pub(crate) fn surface(&self) -> &SurfaceIndex {
-        &self.surface
     }
 
     /// Room around a planned screw, measured when it is first asked for.
@@ -210,10 +208,10 @@ pub(crate) fn uncertainty(
     planned: &Trajectory,
     pose: &Isometry3<f64>,
     covariance: &PoseCovariance,
-    (anatomy, frame): (Option<&Anatomy>, &AnatomicalFrame),
+    (anatomy, frame): (&Anatomy, &AnatomicalFrame),
 ) -> TrajectoryUncertainty {
-    let shared = anatomy.map(|anatomy| anatomy.room(planned, frame));
-    let room = shared.as_deref().and_then(Option::as_ref);
+    let shared = anatomy.room(planned, frame);
+    let room = shared.as_ref().as_ref();
     let depth_mm = room.map_or(ISTHMUS_DEPTH_MM, |room| room.isthmus_depth_mm);
     let isthmus = pose * (planned.entry_mm + planned.direction() * depth_mm);
     let worst_at = |p| worst_deviation(&covariance.point_covariance(p));

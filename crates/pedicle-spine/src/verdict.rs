@@ -83,19 +83,21 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
             max: options.max_breach_probability,
         },
     );
+    let (max_mm, max_rad) = if evidence.tells_tissue {
+        (
+            options.max_translation_std_along_rays_mm,
+            options.max_rotation_std_along_rays_rad,
+        )
+    } else {
+        (options.max_translation_std_mm, options.max_rotation_std_rad)
+    };
     demand(
-        std_mm <= options.max_translation_std_mm,
-        Rejection::PositionUncertain {
-            std_mm,
-            max_mm: options.max_translation_std_mm,
-        },
+        std_mm <= max_mm,
+        Rejection::PositionUncertain { std_mm, max_mm },
     );
     demand(
-        std_rad <= options.max_rotation_std_rad,
-        Rejection::OrientationUncertain {
-            std_rad,
-            max_rad: options.max_rotation_std_rad,
-        },
+        std_rad <= max_rad,
+        Rejection::OrientationUncertain { std_rad, max_rad },
     );
     let min_margin = if evidence.is_from_camera {
         options.min_alternative_margin_of_camera
@@ -119,6 +121,15 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
                 },
             ),
             None => demand(false, Rejection::TooSparse),
+        }
+        if let Some(share) = evidence.behind_share {
+            demand(
+                share <= options.max_behind_share,
+                Rejection::BehindBone {
+                    share,
+                    max: options.max_behind_share,
+                },
+            );
         }
     }
     let misfit = evidence.misfit;
@@ -200,6 +211,7 @@ mod tests {
             hidden_share: 0.0,
             sensor_noise_mm: None,
             bare_area_mm2: None,
+            behind_share: None,
         }
     }
 
@@ -230,21 +242,37 @@ mod tests {
         let judged = |quiet_noise_mm: f64| {
             let evidence = Evidence {
                 is_from_camera: true,
-                tells_tissue: true,
                 bare_area_mm2: Some(1500.0),
                 alternative_margin: 0.4,
-                sensor_noise_mm: Some(0.45),
+                sensor_noise_mm: Some(0.4),
                 quiet_noise_mm,
                 ..good()
             };
             rejections(&evidence, &VerdictOptions::default()).len()
         };
-        assert_eq!(judged(0.45), 1, "only this bone is noisier than the sensor");
-        assert_eq!(judged(0.49), 0, "the sensor is noisier than its patches");
+        assert_eq!(judged(0.4), 1, "only this bone is noisier than the sensor");
+        assert_eq!(judged(0.45), 0, "the sensor is noisier than its patches");
         assert_eq!(judged(f64::NAN), 1, "no other bone tells");
         let quiet = |noises: &[f64]| second_smallest(noises.to_vec());
         assert!((quiet(&[0.9, f64::NAN, 0.5, 0.7]) - 0.7).abs() < 1e-12);
         assert!(quiet(&[0.9]).is_nan());
+    }
+
+    #[test]
+    fn much_bare_bone_may_have_thin_tissue_beside_it() {
+        let judged = |area_mm2: f64| {
+            let evidence = Evidence {
+                is_from_camera: true,
+                tells_tissue: true,
+                bare_area_mm2: Some(area_mm2),
+                behind_share: Some(0.002),
+                sensor_noise_mm: Some(0.42),
+                ..good()
+            };
+            rejections(&evidence, &VerdictOptions::default()).len()
+        };
+        assert_eq!(judged(1500.0), 0, "0.50 mm of 0.42 mm");
+        assert_eq!(judged(450.0), 1, "the same on little bone");
     }
 
     #[test]
@@ -303,10 +331,10 @@ mod tests {
                 Box::new(|e| e.is_from_camera = true),
             ),
             (
-                "too noisy (1.70 mm, at most 1.50 mm)",
+                "too noisy (2.40 mm, at most 2.20 mm)",
                 Box::new(|e| {
                     (e.is_from_camera, e.bare_area_mm2) = (true, Some(1500.0));
-                    (e.noise_mm, e.others_noise_mm, e.target_noise_mm) = (1.7, 1.7, 1.7);
+                    (e.noise_mm, e.others_noise_mm, e.target_noise_mm) = (2.4, 2.4, 2.4);
                 }),
             ),
             (
@@ -320,8 +348,22 @@ mod tests {
                 "taken for bone",
                 Box::new(|e| {
                     (e.is_from_camera, e.tells_tissue) = (true, true);
-                    (e.bare_area_mm2, e.sensor_noise_mm) = (Some(1500.0), Some(0.45));
-                    e.quiet_noise_mm = 0.45;
+                    (e.bare_area_mm2, e.sensor_noise_mm) = (Some(1500.0), Some(0.35));
+                }),
+            ),
+            (
+                "taken for bone",
+                Box::new(|e| {
+                    (e.is_from_camera, e.tells_tissue) = (true, true);
+                    // Enough where much bare bone is seen, not where little is.
+                    (e.bare_area_mm2, e.sensor_noise_mm) = (Some(450.0), Some(0.42));
+                }),
+            ),
+            (
+                "4.0 % of what was measured on the bone lies behind it",
+                Box::new(|e| {
+                    (e.is_from_camera, e.bare_area_mm2) = (true, Some(1500.0));
+                    e.behind_share = Some(0.04);
                 }),
             ),
             ("saw through 12 %", Box::new(|e| e.seen_through = 0.12)),

@@ -2,7 +2,6 @@
 
 use crate::VerdictOptions;
 use crate::evidence::Evidence;
-use crate::finish::TELLS_TISSUE_MM;
 use crate::rejection::Rejection;
 
 /// Vertebrae this much noisier than the median may be other vertebrae: a wrong level fits to
@@ -16,8 +15,11 @@ const MAX_OWN_NOISE_RATIO: f64 = 1.1;
 
 /// Right poses fit to 0.8 to 1.1 of the noise of the sensor, wrong ones among tissue to 1.05 and more.
 const MAX_SENSOR_RATIO: f64 = 1.15;
-/// Where bone is told from tissue by patches, right poses fit to 0.85 to 1.05 of it, some of the wrong ones to 1.09.
-const MAX_TOLD_RATIO: f64 = 1.08;
+/// Along the rays of a camera right poses fit to 0.85 to 1.1 of it,
+const MAX_TOLD_RATIO: f64 = 1.1;
+/// and thin tissue beside the bone and a surface of triangles add so much, mm, of an area in mm² and less, and of another and
+/// more: wrong poses among tissue fit to 1.05 and more, but most of them rest on little bone.
+const MORE_MM: [(f64, f64); 2] = [(400.0, 0.1), (900.0, 0.25)];
 /// The estimate from patches may be too low by this factor, as the quieter bones of the spine show: at a noise of 0.8 to
 /// 1 mm it is by 8 to 12 %.
 const MAX_QUIET_RATIO: f64 = 1.15;
@@ -77,14 +79,22 @@ pub(crate) fn noise_of_target(evidence: &Evidence, options: &VerdictOptions) -> 
     of_target.into_iter().chain(of_others).collect()
 }
 
+/// The largest noise along rays for an area of bare bone.
+fn most_along_rays_mm(sensor_mm: f64, area_mm2: f64) -> f64 {
+    let [(little, least_mm), (much, most_mm)] = MORE_MM;
+    let share = ((area_mm2 - little) / (much - little)).clamp(0.0, 1.0);
+    (MAX_TOLD_RATIO * sensor_mm).hypot(least_mm + share * (most_mm - least_mm))
+}
+
 /// Against what the sensor errs by, where its points tell that. A NaN never holds.
 pub(crate) fn noise_of_sensor(evidence: &Evidence) -> Option<Rejection> {
     let sensor_mm = evidence.sensor_noise_mm?;
-    let shown_mm = sensor_shown_mm(sensor_mm, evidence.quiet_noise_mm);
-    let most_mm = if evidence.tells_tissue && sensor_mm <= TELLS_TISSUE_MM {
-        MAX_TOLD_RATIO * shown_mm
-    } else {
-        MAX_SENSOR_RATIO * shown_mm + SENSOR_FLOOR_MM
+    let most_mm = match evidence.bare_area_mm2 {
+        Some(area_mm2) if evidence.tells_tissue => most_along_rays_mm(sensor_mm, area_mm2),
+        _ => {
+            let shown_mm = sensor_shown_mm(sensor_mm, evidence.quiet_noise_mm);
+            MAX_SENSOR_RATIO * shown_mm + SENSOR_FLOOR_MM
+        }
     };
     let holds = evidence.noise_mm <= most_mm;
     (!holds).then_some(Rejection::NoisierThanSensor {

@@ -6,20 +6,50 @@ use pedicle_trajectory::Level;
 use crate::VerdictOptions;
 use crate::misfit::{Misfit, PATCH_MM};
 use crate::rejection::Rejection;
+use crate::verdict_noise::median;
 
 /// What the shapes of all vertebrae that are trusted otherwise say together: bumps that noise hides on
 /// one bone show on five.
-pub(crate) fn pooled_rejection(misfits: &[Misfit], options: &VerdictOptions) -> Option<Rejection> {
+pub(crate) fn pooled_rejection(
+    misfits: &[Misfit],
+    is_along_rays: bool,
+    options: &VerdictOptions,
+) -> Option<Rejection> {
     if misfits.is_empty() {
         return None;
     }
     let pooled = Misfit::pooled(misfits);
-    let holds = pooled.beyond_noise_mm2(options.pooled_misfit_in_sigma)
-        <= options.max_misfit_mm * options.max_misfit_mm;
+    let (max_mm, in_sigma) = if is_along_rays {
+        (options.max_pooled_misfit_of_camera_mm, 0.0)
+    } else {
+        (options.max_misfit_mm, options.pooled_misfit_in_sigma)
+    };
+    let holds = pooled.beyond_noise_mm2(in_sigma) <= max_mm * max_mm;
     (!holds).then(|| Rejection::SpineDiffers {
         misfit_mm: pooled.depth_mm(),
         patch_mm: PATCH_MM,
     })
+}
+
+/// The more noise, the less lies clearly behind the bones of another patient: of the limit so much less, 1/mm.
+const FALL_PER_MM: f64 = 0.4;
+/// And never less than this share of it.
+const LEAST_OF_LIMIT: f64 = 0.4;
+
+/// Whether a camera saw points behind most of the bones, as it does of another patient: from the shares of the vertebrae
+/// with a fit and the noise of the sensor.
+pub(crate) fn behind_rejection(
+    shares: Vec<f64>,
+    noise_mm: f64,
+    options: &VerdictOptions,
+) -> Option<Rejection> {
+    if shares.is_empty() {
+        return None;
+    }
+    let part = (1.0 - FALL_PER_MM * noise_mm).clamp(LEAST_OF_LIMIT, 1.0);
+    let (share, max) = (median(shares), part * options.max_behind_share_of_spine);
+    let holds = share <= max;
+    (!holds).then_some(Rejection::BehindSpine { share, max })
 }
 
 /// What the chain says of a vertebra and a neighbour that are both trusted otherwise: each as
@@ -96,14 +126,51 @@ mod tests {
             deviation_mm2: 0.1,
             ..Misfit::NOISE_ONLY
         };
-        assert_eq!(pooled_rejection(&[hidden], &options), None, "one alone");
-        let found = pooled_rejection(&[hidden; 5], &options).map(|r| r.to_string());
+        assert_eq!(
+            pooled_rejection(&[hidden], false, &options),
+            None,
+            "one alone"
+        );
+        let found = pooled_rejection(&[hidden; 5], false, &options).map(|r| r.to_string());
         assert!(found.is_some_and(|r| r.contains("together")), "all five");
         assert_eq!(
-            pooled_rejection(&[Misfit::NOISE_ONLY; 5], &options),
+            pooled_rejection(&[Misfit::NOISE_ONLY; 5], false, &options),
             None,
             "noise"
         );
-        assert_eq!(pooled_rejection(&[], &options), None, "nobody is trusted");
+        assert_eq!(
+            pooled_rejection(&[], false, &options),
+            None,
+            "nobody is trusted"
+        );
+    }
+
+    #[test]
+    fn along_rays_noise_hides_no_bumps() {
+        let options = VerdictOptions::default();
+        let bumpy = Misfit {
+            covariance_mm2: 0.03,
+            by_noise_mm2: 0.0,
+            deviation_mm2: 0.02,
+            ..Misfit::NOISE_ONLY
+        };
+        assert!(pooled_rejection(&[bumpy; 5], true, &options).is_some());
+        assert_eq!(pooled_rejection(&[bumpy; 5], false, &options), None);
+    }
+
+    #[test]
+    fn points_behind_most_bones_are_of_another_patient() {
+        let options = VerdictOptions::default();
+        let judged = |shares: &[f64], noise_mm| {
+            behind_rejection(shares.to_vec(), noise_mm, &options).map(|r| r.to_string())
+        };
+        let one_wrong = [0.001, 0.0, 0.3, 0.002, 0.001];
+        assert_eq!(judged(&one_wrong, 0.3), None, "one bone was not found");
+        let found = judged(&[0.1, 0.02, 0.05, 0.0, 0.2], 0.3);
+        assert!(found.is_some_and(|r| r.contains("right patient")), "most");
+        let few = [0.009; 5];
+        assert_eq!(judged(&few, 0.3), None, "at little noise");
+        assert!(judged(&few, 1.5).is_some(), "at much noise less is seen");
+        assert_eq!(judged(&[], 0.3), None, "no camera");
     }
 }

@@ -100,6 +100,9 @@ pub(crate) struct Arguments {
     /// ICP, and the published pipeline.
     #[arg(long)]
     baselines: bool,
+    /// Hold every target against the plan of the person before: whatever is accepted is a false accept.
+    #[arg(long, requires = "subjects", conflicts_with = "baselines")]
+    another_patient: bool,
     /// Print every vertebra that is invalid or rejected, and every scenario that was refused.
     #[arg(long)]
     explain: bool,
@@ -239,6 +242,12 @@ impl Arguments {
     /// Runs every scenario on every spine.
     fn scores(&self) -> Result<Outcome, XtaskError> {
         let path = self.spine.clone().unwrap_or_else(|| fixture("phantom"));
+        if self.another_patient && self.subjects == Some(1) {
+            return Err(XtaskError::Stage {
+                stage: "--another-patient".to_owned(),
+                reason: "one subject has no other: give --subjects 2 or more".to_owned(),
+            });
+        }
         let spines = match self.subjects {
             Some(n) => Spine::cohort(self.seed, n),
             None => vec![Spine::Files {
@@ -271,10 +280,14 @@ impl Arguments {
             preparation: Duration::ZERO,
             n_threads: pool.current_num_threads(),
         };
-        for spine in &spines {
+        for (k, spine) in spines.iter().enumerate() {
             let loading = Instant::now();
             let case = spine.load()?;
             let model = case.model()?;
+            let another = self
+                .another_patient
+                .then(|| spines[(k + 1) % spines.len()].load())
+                .transpose()?;
             outcome.preparation += loading.elapsed();
             let source = self
                 .baselines
@@ -288,7 +301,7 @@ impl Arguments {
                     scenarios
                         .par_iter()
                         .map(|scenario| {
-                            let score = score::run(&case, &model, scenario);
+                            let score = score::run(&case, &model, scenario, another.as_ref());
                             bar.inc(1);
                             score
                         })

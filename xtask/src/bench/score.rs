@@ -63,13 +63,15 @@ pub(super) struct ScenarioScore {
 }
 
 /// Simulates a scenario, runs the pipeline on it and compares with the truth. A scenario that the
-/// pipeline refuses is a result too: nothing of it is valid or accepted.
+/// pipeline refuses is a result too: nothing of it is valid or accepted. Of the target of another patient
+/// no pose is valid.
 pub(super) fn run(
     case: &Case,
     model: &SpineModel,
     scenario: &SuiteScenario,
+    another: Option<&Case>,
 ) -> Result<ScenarioScore, XtaskError> {
-    let simulated = simulate_suite(&case.spine, scenario)?;
+    let simulated = simulate_suite(&another.unwrap_or(case).spine, scenario)?;
     let target = target_of(&simulated);
     let options = TransferOptions {
         seed: scenario.seed,
@@ -109,6 +111,17 @@ pub(super) fn run(
                 .iter()
                 .map(|truth| refused(truth, n_planned(case, truth.vertebra.level)))
                 .collect();
+        }
+    }
+    if another.is_some() {
+        for vertebra in &mut score.vertebrae {
+            (vertebra.n_valid_by_margin, vertebra.n_valid_by_geometry) = (0, 0);
+            (vertebra.translation_mm, vertebra.rotation_rad) = (f64::NAN, f64::NAN);
+            vertebra.target_errors_mm.fill([f64::NAN; 3]);
+            vertebra.normalized_error = f64::NAN;
+            vertebra.screws.clear();
+            vertebra.valid = false;
+            vertebra.false_accept = vertebra.accepted;
         }
     }
     Ok(score)
@@ -159,12 +172,13 @@ fn evidence(found: &VertebraTransfer, transfer: &Transfer) -> String {
     let change = transfer.shape_change;
     let larger = change.map_or([f64::NAN; 3], |c| c.larger.into());
     format!(
-        " [noise {:.2} of {:.2}, breach {breach}, misfit {:.2}, through {:.3}, hidden {:.2}, explained {:.2}, covers {:.2}, margin {:.2}, level {:.2}, sd {:.2} mm {:.2}°, n {}, bare {:.0} mm², differs by {:.1} ({:.1} {:.1} {:.1} %)]",
+        " [noise {:.2} of {:.2}, breach {breach}, misfit {:.2}, through {:.3}, hidden {:.2}, behind {:.3}, explained {:.2}, covers {:.2}, margin {:.2}, level {:.2}, sd {:.2} mm {:.2}°, n {}, bare {:.0} mm², differs by {:.1} ({:.1} {:.1} {:.1} %)]",
         found.noise_mm,
         transfer.sensor_noise_mm.unwrap_or(f64::NAN),
         found.misfit_mm,
         found.seen_through,
         found.hidden_share,
+        found.behind_share.unwrap_or(f64::NAN),
         found.explained_share,
         found.posterior_coverage,
         found.alternative_margin,

@@ -70,13 +70,14 @@ impl SuiteSummary<'_> {
         format!(
             "a third of the back seen: {} vertebrae, valid and accepted {}, median target error at the \
              isthmus {} mm\na third of what faces backwards seen: {} vertebrae, valid and accepted {}, \
-             median target error at the isthmus {} mm\n",
+             median target error at the isthmus {} mm\nof what is valid and accepted: {}\n",
             seen.vertebrae,
             share(seen.valid_accepted, seen.vertebrae),
             millimetres(seen.isthmus_median_mm),
             seen.facing_vertebrae,
             share(seen.facing_valid_accepted, seen.facing_vertebrae),
             millimetres(seen.facing_isthmus_median_mm),
+            over_bound(&all),
         )
     }
 
@@ -144,6 +145,27 @@ fn row(cell: &Cell) -> Vec<String> {
         ]);
     }
     row
+}
+
+/// Errors of valid and accepted vertebrae over their Cramér-Rao bounds, root mean squares: 1 is an efficient method.
+fn over_bound(all: &[&VertebraScore]) -> String {
+    let bounded = |v: &&VertebraScore| {
+        let (mm2, rad2) = v.bound_squared;
+        v.valid && v.accepted && mm2 > 0.0 && mm2.is_finite() && rad2.is_finite()
+    };
+    let ratio = |squares: &dyn Fn(&VertebraScore) -> f64| {
+        let found: Vec<f64> = all.iter().copied().filter(bounded).map(squares).collect();
+        (found.iter().sum::<f64>() / found.len() as f64).sqrt()
+    };
+    if !all.iter().any(bounded) {
+        return "none".to_owned();
+    }
+    let position = ratio(&|v| v.translation_mm.powi(2) / v.bound_squared.0);
+    let orientation = ratio(&|v| v.rotation_rad.powi(2) / v.bound_squared.1);
+    format!(
+        "position {position:.2} times, orientation {orientation:.2} times the Cramér-Rao bound of the points on bone \
+         (root mean square)"
+    )
 }
 
 fn pair(spread: &Spread) -> String {

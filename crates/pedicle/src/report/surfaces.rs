@@ -38,15 +38,15 @@ pub(super) fn nearest_bone(
         .iter()
         .zip(&transfer.vertebrae)
         .enumerate()
-        .filter_map(|(vertebra, (bone, found))| {
+        .map(|(vertebra, (bone, found))| {
             let (low, high) = bone.surface.bounding_box();
-            Some(Bone {
+            Bone {
                 vertebra,
-                index: model.surface(bone.level)?,
+                index: model.surface(bone.level),
                 source_from_target: found.target_from_source.inverse(),
                 low,
                 high,
-            })
+            }
         })
         .collect();
     points.iter().map(|p| nearest(p, &bones)).collect()

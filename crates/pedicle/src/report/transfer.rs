@@ -219,7 +219,7 @@ fn screw(report: &TransferReport<'_>, k: usize) -> ScrewReport {
         .truth
         .map(|truth| carried.trajectory.transformed(&truth[level].inverse()));
     let check = |t: &Trajectory| {
-        let (surface, pedicle) = (report.model.surface(t.level)?, pedicle?);
+        let (surface, pedicle) = (report.model.surface(t.level), pedicle?);
         let frame = report.model.frame(t.level);
         check_trajectory(t, surface, pedicle, frame, &CheckOptions::default()).ok()
     };
