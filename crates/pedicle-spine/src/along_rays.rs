@@ -170,7 +170,7 @@ mod tests {
     }
 
     impl Scene {
-        fn new(covers: bool) -> Self {
+        fn new(covers: bool, noise_mm: f64) -> Self {
             let phantom =
                 generate_phantom(&PhantomParameters::default(), &MeshingOptions::default())
                     .unwrap();
@@ -200,7 +200,7 @@ mod tests {
                 let tissue_mm = (2.0 + 0.2 * (aside.x + aside.z)).min(5.0);
                 let is_covered = covers && aside.x + aside.z > 0.0;
                 let in_front = if is_covered { tissue_mm } else { 0.0 };
-                let range = hit.distance_mm + (NOISE_MM * normal_draw() - in_front) / cosine;
+                let range = hit.distance_mm + (noise_mm * normal_draw() - in_front) / cosine;
                 points.push(truth * (camera + ray * range));
                 is_bone.push(!is_covered);
             }
@@ -269,7 +269,7 @@ mod tests {
 
     #[test]
     fn rays_know_a_noisy_pose_better_than_closest_places() {
-        let scene = Scene::new(false);
+        let scene = Scene::new(false, NOISE_MM);
         let found = scene.fit(&scene.picture());
         let error = scene.error(&found.target_from_source);
         let options = RefineOptions {
@@ -298,7 +298,7 @@ mod tests {
 
     #[test]
     fn tissue_is_told_from_bone_and_does_not_pull() {
-        let scene = Scene::new(true);
+        let scene = Scene::new(true, NOISE_MM);
         let found = scene.fit(&scene.picture());
         let error = scene.error(&found.target_from_source);
         let n_bone = found
@@ -329,7 +329,7 @@ mod tests {
 
     #[test]
     fn a_pose_in_front_of_what_was_seen_leaves_points_behind_it() {
-        let scene = Scene::new(false);
+        let scene = Scene::new(false, NOISE_MM);
         let picture = scene.picture();
         let own: Vec<u32> = (0..scene.points.len() as u32).collect();
         let mixture = TissueMixture {
@@ -345,8 +345,22 @@ mod tests {
     }
 
     #[test]
+    fn an_exact_sensor_has_a_fit_as_well() {
+        for noise_mm in [0.0, 0.03] {
+            let scene = Scene::new(false, noise_mm);
+            let found = scene.fit(&scene.picture());
+            let error = scene.error(&found.target_from_source);
+            assert!(
+                error.translation_mm < 0.05 && found.noise_mm < 0.1,
+                "{noise_mm} mm of noise: {error:?}, {} mm found",
+                found.noise_mm
+            );
+        }
+    }
+
+    #[test]
     fn too_few_points_fix_nothing() {
-        let scene = Scene::new(false);
+        let scene = Scene::new(false, NOISE_MM);
         let picture = scene.picture();
         let few: Vec<u32> = (0..4).collect();
         let view = (scene.view(&picture), picture.area_of_point);
