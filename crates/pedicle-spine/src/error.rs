@@ -191,6 +191,12 @@ pub enum SpineError {
         /// Its index.
         point: usize,
     },
+    /// A camera before which no point of the target lies, or that has no place.
+    #[error("the camera at ({}, {}, {}) mm sees no point of the target", camera_mm.x, camera_mm.y, camera_mm.z)]
+    BlindCamera {
+        /// Where it stands, target frame, mm.
+        camera_mm: nalgebra::Point3<f64>,
+    },
     /// A cloud of too few points.
     #[error("the target has {n_points} points, too few for anything (at least {needed} needed)")]
     TooFewPoints {

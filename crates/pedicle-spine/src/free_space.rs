@@ -63,13 +63,7 @@ impl FreeSpace {
         let camera = view.camera_mm;
         let mean = points.iter().map(|p| p - camera).sum::<Vector3<f64>>();
         let forward = mean.try_normalize(f64::MIN_POSITIVE)?;
-        let aside = if forward.x.abs() < 0.9 {
-            Vector3::x()
-        } else {
-            Vector3::y()
-        };
-        let right = forward.cross(&aside).normalize();
-        let axes = [right, forward.cross(&right), forward];
+        let axes = image_axes(&forward);
         let seen: Vec<([f64; 2], f64)> = points
             .iter()
             .filter_map(|p| {
@@ -162,6 +156,17 @@ impl FreeSpace {
             of_bone: if faced > 0.0 { through / faced } else { 0.0 },
         }
     }
+}
+
+/// Right, down and forward of a picture taken in a direction of unit length.
+pub(crate) fn image_axes(forward: &Vector3<f64>) -> [Vector3<f64>; 3] {
+    let aside = if forward.x.abs() < 0.9 {
+        Vector3::x()
+    } else {
+        Vector3::y()
+    };
+    let right = forward.cross(&aside).normalize();
+    [right, forward.cross(&right), *forward]
 }
 
 /// The least over every cell and those around it, for cells that hold something.

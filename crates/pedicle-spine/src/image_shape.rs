@@ -9,18 +9,15 @@
 //! the noise: unlike with patches of nearest points in space, which prefer points that err alike, slope and noise are
 //! told without bias. The normal follows from b and c of a plane, θ is its angle against the ray.
 
-use std::num::NonZero;
-
-use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use kiddo::ImmutableKdTree;
 use nalgebra::{Matrix3, Matrix6, Point3, Vector3, Vector6};
 use rayon::prelude::*;
 
-use crate::local_shape::{Local, PointArea};
+use crate::free_space::image_axes;
+use crate::local_shape::{Local, PATCH_NEIGHBORS, PointArea, patch_of, tree_of};
 use crate::verdict_noise::median;
 use crate::{SensorView, SpineError};
 
-/// Points of a patch, itself among them.
-const PATCH_POINTS: NonZero<usize> = NonZero::new(24).expect("a patch has points");
 /// Unknowns of the quadric.
 const QUADRIC_UNKNOWNS: usize = 6;
 /// Points at which the noise is estimated.
@@ -30,10 +27,10 @@ const LEAST_COSINE: f64 = 0.2;
 
 /// A picture made of points.
 struct Picture {
-    /// Right, down and forward.
-    axes: [Vector3<f64>; 3],
+    /// To the right of it.
+    right: Vector3<f64>,
     /// s and t of every point, mm, and a zero.
-    places: Vec<[f64; 3]>,
+    places: Vec<Point3<f64>>,
     /// Of the places, mm.
     depth_mm: f64,
     /// From the camera, mm.
@@ -58,28 +55,20 @@ impl Picture {
         if !depths.iter().all(|&depth| depth > 0.0) {
             return Ok(None);
         }
-        let aside = if forward.x.abs() < 0.9 {
-            Vector3::x()
-        } else {
-            Vector3::y()
-        };
-        let right = forward.cross(&aside).normalize();
-        let down = forward.cross(&right);
+        let [right, down, _] = image_axes(&forward);
         let depth_mm = median(depths.clone());
-        let places: Vec<[f64; 3]> = ways
+        let places: Vec<Point3<f64>> = ways
             .iter()
             .zip(&depths)
             .map(|(way, depth)| {
                 let scale = depth_mm / depth;
-                [scale * way.dot(&right), scale * way.dot(&down), 0.0]
+                Point3::new(scale * way.dot(&right), scale * way.dot(&down), 0.0)
             })
             .collect();
-        let tree = ImmutableKdTree::new_from_slice(&places).map_err(|e| SpineError::Index {
-            reason: format!("{e:?}"),
-        })?;
+        let tree = tree_of(&places)?;
         let ranges: Vec<f64> = ways.iter().map(Vector3::norm).collect();
         Ok(Some(Self {
-            axes: [right, down, forward],
+            right,
             places,
             depth_mm,
             rays: ways.iter().zip(&ranges).map(|(w, r)| w / *r).collect(),
@@ -90,30 +79,20 @@ impl Picture {
 
     /// The points nearest to one in the picture, the nearest first, and how far the last one is, mm.
     fn patch(&self, p: usize) -> (Vec<u32>, f64) {
-        let found = self
-            .tree
-            .query(&self.places[p])
-            .nearest_n::<SquaredEuclidean<f64>>(PATCH_POINTS)
-            .execute();
-        let mut patch: Vec<(f64, u32)> = found
-            .into_iter()
-            .map(|item| (item.distance, item.item))
-            .collect();
-        // Ties may come in any order, and sums depend on it.
-        patch.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let patch = patch_of(&self.tree, &self.places[p]);
         let radius_mm = patch.last().map_or(f64::INFINITY, |(d, _)| d.sqrt());
         (patch.into_iter().map(|(_, i)| i).collect(), radius_mm)
     }
 
     /// Ranges around a point over places relative to it, stretched to its own distance.
     fn around(&self, p: usize, patch: &[u32]) -> Patch {
-        let [u, v, _] = self.places[p];
+        let own = self.places[p];
         let scale = self.ranges[p] / self.depth_mm;
         patch
             .iter()
             .map(|&q| {
-                let [s, t, _] = self.places[q as usize];
-                (scale * (s - u), scale * (t - v), self.ranges[q as usize])
+                let aside = self.places[q as usize] - own;
+                (scale * aside.x, scale * aside.y, self.ranges[q as usize])
             })
             .collect()
     }
@@ -122,7 +101,7 @@ impl Picture {
     fn normal(&self, p: usize, patch: &[u32]) -> Vector3<f64> {
         let ray = self.rays[p];
         let (b, c, _) = slope(&self.around(p, patch)).unwrap_or((0.0, 0.0, 0.0));
-        let right = (self.axes[0] - ray * ray.dot(&self.axes[0])).normalize();
+        let right = (self.right - ray * ray.dot(&self.right)).normalize();
         let down = ray.cross(&right);
         (right * b + down * c - ray).normalize()
     }
@@ -175,7 +154,7 @@ pub(crate) fn image_shape(
     Ok(Some(Local {
         noise_mm: median(noise),
         area_of_point: PointArea {
-            mm2: std::f64::consts::PI * radius_mm * radius_mm / PATCH_POINTS.get() as f64,
+            mm2: std::f64::consts::PI * radius_mm * radius_mm / PATCH_NEIGHBORS as f64,
             depth_mm: picture.depth_mm,
         },
         normals,

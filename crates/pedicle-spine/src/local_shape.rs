@@ -24,7 +24,7 @@ const NEIGHBORS: usize = 8;
 /// Times the median from which on it does.
 const ALONE_RATIO: f64 = 3.0;
 /// Neighbours that a quadric and a plane are fitted to.
-const PATCH_NEIGHBORS: usize = 24;
+pub(crate) const PATCH_NEIGHBORS: usize = 24;
 /// Unknowns of the quadric.
 const QUADRIC_UNKNOWNS: usize = 6;
 /// Points at which the noise is estimated.
@@ -35,6 +35,23 @@ pub(crate) fn tree_of(points: &[Point3<f64>]) -> Result<ImmutableKdTree<f64, 3>,
     ImmutableKdTree::new_from_slice(&rows).map_err(|e| SpineError::Index {
         reason: format!("{e:?}"),
     })
+}
+
+/// The points of a patch, the nearest first, with their squared distances.
+pub(crate) fn patch_of(tree: &ImmutableKdTree<f64, 3>, p: &Point3<f64>) -> Vec<(f64, u32)> {
+    let row: [f64; 3] = p.coords.into();
+    let wanted = NonZero::<usize>::MIN.saturating_add(PATCH_NEIGHBORS - 1);
+    let found = tree
+        .query(&row)
+        .nearest_n::<SquaredEuclidean<f64>>(wanted)
+        .execute();
+    let mut patch: Vec<(f64, u32)> = found
+        .into_iter()
+        .map(|item| (item.distance, item.item))
+        .collect();
+    // Ties may come in any order, and sums depend on it.
+    patch.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    patch
 }
 
 /// Indices of the points that do not float alone.
@@ -115,19 +132,7 @@ impl<'a> Patches<'a> {
 
     /// The nearest points of one.
     fn around(&self, p: &Point3<f64>) -> Around {
-        let row: [f64; 3] = p.coords.into();
-        let wanted = NonZero::<usize>::MIN.saturating_add(PATCH_NEIGHBORS - 1);
-        let found = self
-            .tree
-            .query(&row)
-            .nearest_n::<SquaredEuclidean<f64>>(wanted)
-            .execute();
-        let mut patch: Vec<(f64, u32)> = found
-            .into_iter()
-            .map(|item| (item.distance, item.item))
-            .collect();
-        // Ties may come in any order, and sums depend on it.
-        patch.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let patch = patch_of(&self.tree, p);
         // The point itself is the first.
         let nearest = patch.iter().take(NEIGHBORS + 1);
         let sum_mm: f64 = nearest.map(|(squared, _)| squared.sqrt()).sum();

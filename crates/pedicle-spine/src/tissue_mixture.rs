@@ -27,10 +27,10 @@ use crate::uncertainty::{density, lower_tail};
 
 /// Tissue thicker than this lies elsewhere, mm.
 const THICKEST_MM: f64 = 8.0;
+/// Points so thick in front of a bone, and this many standard deviations more, may be its own.
+const REACH_IN_SIGMA: f64 = 3.0;
 /// Density of everything that is neither bone nor tissue, 1/mm.
 const ELSEWHERE: f64 = 2e-3;
-/// And this many standard deviations more.
-const REACH_IN_SIGMA: f64 = 3.0;
 /// The noise along the normals of a bone over that of the sensor, the median of patches.
 const SENSOR_TO_SURFACE: f64 = 1.05;
 /// Bounds of the noise over that.
@@ -81,11 +81,21 @@ pub(crate) struct MixtureFit {
     pub(crate) noise_mm: f64,
     /// Probability of being bone, of every own point.
     pub(crate) weights: Vec<f64>,
-    log_likelihood: f64,
     /// Of the points on or behind the bone the share behind it, where bone would hide them.
     pub(crate) behind_share: f64,
     /// None if the points do not fix the pose.
     pub(crate) covariance: Option<PoseCovariance>,
+}
+
+/// The best pose of a fit until then, with what was seen from it.
+struct Maximum {
+    pose: Isometry3<f64>,
+    /// σ, mm.
+    noise_mm: f64,
+    seen: Vec<Seen>,
+    means: Vec<Option<(f64, f64)>>,
+    weights: Vec<f64>,
+    log_likelihood: f64,
 }
 
 /// How far points may lie from a bone to be its own, mm.
@@ -122,14 +132,14 @@ impl TissueMixture<'_> {
             noise_mm: self.sensor_mm(),
             share: FIRST_SHARE,
         };
-        let mut best: Option<MixtureFit> = None;
+        let mut best: Option<Maximum> = None;
         for _ in 0..=MAX_STEPS {
             let seen = self.look(&pose);
             let means = patch_means(&seen, &patches);
             let (weights, _) = state.weighed(&seen, &means);
-            state = self.state_of(&seen, &means, &weights);
+            state = self.state_of(&seen, &weights);
             let (weights, log_likelihood) = state.weighed(&seen, &means);
-            state = self.state_of(&seen, &means, &weights);
+            state = self.state_of(&seen, &weights);
             if best
                 .as_ref()
                 .is_some_and(|b| log_likelihood < b.log_likelihood)
@@ -138,42 +148,49 @@ impl TissueMixture<'_> {
             }
             let (information, gradient) = normal_equations(&seen, &weights, state.noise_mm);
             let step = solved(&information, &gradient);
-            let center = pose * self.seen.bone.centroid();
-            let covariance = covariance(&seen, &weights, state.noise_mm, &center);
-            best = Some(MixtureFit {
-                target_from_source: pose,
-                noise_mm: weighted_noise_mm(&seen, &weights),
-                behind_share: {
-                    // A wrong pose must not widen its own limit.
-                    let noise_mm = if state.noise_mm < self.sensor_mm() {
-                        state.noise_mm
-                    } else {
-                        self.sensor_mm()
-                    };
-                    behind_share(means.iter().flatten().copied(), noise_mm)
-                },
+            best = Some(Maximum {
+                pose,
+                noise_mm: state.noise_mm,
+                seen,
+                means,
                 weights,
                 log_likelihood,
-                covariance,
             });
             let length = step.dot(&(information * step)).sqrt();
             // A NaN ends it as well.
             if length.is_nan() || length <= SHORT {
                 break;
             }
-            pose = moved(&pose, &step, &center);
+            pose = moved(&pose, &step, &(pose * self.seen.bone.centroid()));
         }
-        best
+        best.map(|best| self.told(best))
+    }
+
+    /// What a maximum tells.
+    fn told(&self, at: Maximum) -> MixtureFit {
+        // A wrong pose must not widen its own limit.
+        let noise_mm = if at.noise_mm < self.sensor_mm() {
+            at.noise_mm
+        } else {
+            self.sensor_mm()
+        };
+        let center = at.pose * self.seen.bone.centroid();
+        MixtureFit {
+            target_from_source: at.pose,
+            noise_mm: weighted_noise_mm(&at.seen, &at.weights),
+            behind_share: behind_share(at.means.into_iter().flatten(), noise_mm),
+            covariance: covariance(&at.seen, &at.weights, at.noise_mm, &center),
+            weights: at.weights,
+        }
     }
 
     /// σ and the share of bone from the weights.
-    fn state_of(&self, seen: &[Seen], means: &[Option<(f64, f64)>], weights: &[f64]) -> State {
-        let (mut n, mut n_all, mut squares) = (0.0, 0.0, 0.0);
-        for ((s, m), w) in seen.iter().zip(means).zip(weights) {
-            if let (Some(r), Some(_)) = (s.residual, m) {
+    fn state_of(&self, seen: &[Seen], weights: &[f64]) -> State {
+        let (mut n, mut n_all) = (0.0, 0.0);
+        for (s, w) in seen.iter().zip(weights) {
+            if s.residual.is_some() {
                 n_all += 1.0;
                 n += w;
-                squares += w * r * r;
             }
         }
         if n <= 0.0 {
@@ -182,12 +199,11 @@ impl TissueMixture<'_> {
                 share: FIRST_SHARE,
             };
         }
-        let noise_mm = (squares / n).sqrt().clamp(
-            NOISE_RANGE.0 * self.sensor_mm(),
-            NOISE_RANGE.1 * self.sensor_mm(),
-        );
         State {
-            noise_mm,
+            noise_mm: weighted_noise_mm(seen, weights).clamp(
+                NOISE_RANGE.0 * self.sensor_mm(),
+                NOISE_RANGE.1 * self.sensor_mm(),
+            ),
             share: ((n + PRIOR_POINTS * FIRST_SHARE) / (n_all + PRIOR_POINTS))
                 .clamp(SHARE_RANGE.0, SHARE_RANGE.1),
         }

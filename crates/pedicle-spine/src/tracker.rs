@@ -93,8 +93,8 @@ pub struct SpineTracker<'a> {
     pub(crate) tracks: Vec<Track>,
     /// Running mean over the frames, mm; none before the first one.
     pub(crate) noise_mm: Option<f64>,
-    /// Noise of the sensor as the first result found it, or the first frame that tells it and in which a vertebra is
-    /// tracked, mm.
+    /// Noise of the sensor as the first result found it without a camera, or as the first frame tells it in which a vertebra
+    /// is tracked, mm.
     pub(crate) sensor_noise_mm: Option<f64>,
     pub(crate) view: Option<SensorView>,
     n_frames: u64,

@@ -141,7 +141,7 @@ impl Transfer {
 ///
 /// # Errors
 /// [`SpineError`] if the plan is not of this spine, a landmark is doubled or far off,
-/// the target has other units, or its surface cannot be prepared.
+/// the target has other units, a camera sees nothing of it, or its surface cannot be prepared.
 pub fn transfer(
     model: &SpineModel,
     plan: &Plan,
@@ -171,13 +171,14 @@ pub fn transfer_with_progress(
     let n_fine = options.search.n_fine_points;
     let prepared = prepare(model, target, &landmarks, n_fine, &mut rng)?;
     let fine = &prepared.fine;
-    let free_space = target.view.as_ref().and_then(|view| {
-        FreeSpace::new(
-            &fine.points.positions,
-            view,
-            prepared.sensor_noise_mm.unwrap_or(0.0),
-        )
-    });
+    let noise_mm = prepared.sensor_noise_mm.unwrap_or(0.0);
+    let before = |view| {
+        // Without it the target would be judged as if no camera were known.
+        FreeSpace::new(&fine.points.positions, view, noise_mm).ok_or(SpineError::BlindCamera {
+            camera_mm: view.camera_mm,
+        })
+    };
+    let free_space = target.view.as_ref().map(before).transpose()?;
     let free_space = free_space.as_ref();
     // A camera sees patches that soft tissue joins and tears: no map is made of them.
     let mesh = prepared.mesh.as_ref().filter(|_| target.view.is_none());

@@ -4,7 +4,8 @@ use nalgebra::Point3;
 use pedicle_mesh::TriMesh;
 use pedicle_simulation::Deformation;
 use pedicle_spine::{
-    MapOptions, SourceVertebra, SpineError, SpineModel, Target, TransferOptions, transfer,
+    MapOptions, SensorView, SourceVertebra, SpineError, SpineModel, Target, TransferOptions,
+    transfer,
 };
 use pedicle_trajectory::{Landmarks, Level, Plan};
 
@@ -186,6 +187,19 @@ fn clouds_of_nothing_are_refused() {
     let error = refused(points);
     assert!(
         matches!(error, SpineError::NonFinitePoint { point: 3 }),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_camera_without_a_place_is_refused() {
+    let seen = simulated(Deformation::Rigid, 0.5, 12);
+    let camera_mm = Point3::new(0.0, f64::NAN, 500.0);
+    let target = target_of(&seen).seen_from(SensorView { camera_mm });
+    let plan = scene().phantom.plan();
+    let error = transfer(&scene().model, &plan, &target, &TransferOptions::default()).unwrap_err();
+    assert!(
+        matches!(error, SpineError::BlindCamera { .. }) && error.to_string().contains("NaN"),
         "{error}"
     );
 }
