@@ -164,6 +164,7 @@ impl Conclusion<'_> {
             hidden_share: fit.hidden_share,
             landmark_distance_mm: self.landmarks[v]
                 .map(|landmark| (pose * vertebra.landmark - landmark).norm()),
+            landmark_is_of_another: names.lies_on[v].is_some(),
             misfit: fit.misfit,
             seen_through: fit.seen_through,
             sensor_noise_mm: self.fit.sensor_noise_mm,
@@ -184,6 +185,7 @@ impl Conclusion<'_> {
             posterior_coverage: fit.posterior_coverage,
             alternative_margin: evidence.alternative_margin,
             landmark_distance_mm: evidence.landmark_distance_mm.unwrap_or(f64::NAN),
+            landmark_lies_on: names.lies_on[v].map(|u| self.model.vertebrae[u].level),
             misfit_mm: fit.misfit.depth_mm(),
             seen_through: fit.seen_through,
             hidden_share: fit.hidden_share,

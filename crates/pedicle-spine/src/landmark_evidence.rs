@@ -6,7 +6,8 @@
 //!
 //! s are the landmarks of the source, l those of the target, T the poses found, r how far a landmark may
 //! lie from where its vertebra has it. Names that agree with the poses are evidence for the levels
-//! beside the shape: both would have to err by the same level.
+//! beside the shape: both would have to err by the same level. A name whose landmark lies where another
+//! vertebra has its own is a wrong name, if the shape is sure of the levels without any name.
 
 use nalgebra::{Isometry3, Point3};
 
@@ -38,6 +39,8 @@ impl Tip {
 pub(crate) struct LandmarkEvidence {
     /// Whether enough names agree with the poses, and more than do not.
     pub(crate) supports_levels: bool,
+    /// For every vertebra whose landmark lies on another one: which.
+    pub(crate) lies_on: Vec<Option<usize>>,
 }
 
 /// Compares the names with the poses. Landmarks within `reach_mm` of a tip belong to it.
@@ -54,8 +57,15 @@ pub(crate) fn landmark_evidence(tips: &[Tip], reach_mm: f64) -> LandmarkEvidence
     let n_elsewhere = (0..n)
         .filter(|&v| tips[v].landmark.is_some() && tips[v].carried.is_some() && !agrees[v])
         .count();
+    let lies_on = (0..n)
+        .map(|v| {
+            let others = (0..n).filter(|&u| u != v && !agrees[v] && distance(v, u) <= reach_mm);
+            others.min_by(|&a, &b| distance(v, a).total_cmp(&distance(v, b)))
+        })
+        .collect();
     LandmarkEvidence {
         supports_levels: n_agreeing >= MIN_AGREEING && n_agreeing > n_elsewhere,
+        lies_on,
     }
 }
 
@@ -99,5 +109,20 @@ mod tests {
             !landmark_evidence(&without_fit, REACH_MM).supports_levels,
             "a vertebra that was not found agrees with nothing"
         );
+    }
+
+    #[test]
+    fn a_landmark_lies_on_another_vertebra_or_on_none() {
+        let swapped = judged([Some(0.1), Some(2.1), Some(0.9), Some(3.0), None]);
+        assert_eq!(swapped.lies_on, vec![None, Some(2), Some(1), None, None]);
+        let moved_on = judged([Some(1.0), Some(2.0), Some(3.0), Some(4.0), Some(5.0)]);
+        assert!(!moved_on.supports_levels, "no name agrees");
+        assert_eq!(
+            moved_on.lies_on,
+            vec![Some(1), Some(2), Some(3), Some(4), None],
+            "where the last one lies, there is no vertebra"
+        );
+        let between = judged([Some(0.5), Some(1.0), Some(2.0), Some(3.0), Some(4.0)]);
+        assert_eq!(between.lies_on, vec![None; 5], "half a level off");
     }
 }

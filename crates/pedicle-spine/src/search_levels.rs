@@ -54,6 +54,22 @@ impl Search<'_> {
         (best.clone(), margin)
     }
 
+    /// The share by which a configuration explains more than itself with all levels shifted by one.
+    pub(crate) fn level_margin(&self, configuration: &Configuration) -> f64 {
+        let score = self.in_one_run(configuration);
+        let rival = self
+            .shifted(configuration)
+            .iter()
+            .filter(|other| self.is_other_level(other, configuration))
+            .map(|other| self.in_one_run(other))
+            .fold(0.0, |most, s| if s > most { s } else { most });
+        if score > 0.0 {
+            1.0 - rival / score
+        } else {
+            0.0
+        }
+    }
+
     /// The score of the run of vertebrae that explains most.
     fn in_one_run(&self, c: &Configuration) -> f64 {
         let table = self.table(&c.poses, self.options.truncation_mm);

@@ -154,6 +154,7 @@ impl SpineTracker<'_> {
             landmarks_support_levels: true,
             alternative_margin: f64::INFINITY,
             landmark_distance_mm: None,
+            landmark_is_of_another: false,
             misfit: own.misfit,
             seen_through: own.seen_through,
             hidden_share: share(own.n_hiding, own.n_hiding + own.n_explained),

@@ -76,6 +76,8 @@ pub struct VertebraTransfer {
     pub alternative_margin: f64,
     /// Distance of the landmark pair once the pose is applied, mm; NaN without a landmark.
     pub landmark_distance_mm: f64,
+    /// The vertebra that its landmark lies on, if that is another one: see [`VertebraTransfer::notice`].
+    pub landmark_lies_on: Option<Level>,
     /// Depth of the bumps by which the shape seen differs from the plan's, mm; NaN without points.
     pub misfit_mm: f64,
     /// Share of the bone's surface towards the camera that it saw through; 0 without a camera.
@@ -91,6 +93,19 @@ pub struct VertebraTransfer {
     /// Covariance of the pose about the vertebra's centroid, made larger for what the first order
     /// leaves out and where residuals are correlated; none without a fit.
     pub covariance: Option<PoseCovariance>,
+}
+
+impl VertebraTransfer {
+    /// What a user must know of a vertebra that may well be accepted, as a sentence: that its landmark has the name of
+    /// another one, and the shape decided.
+    #[must_use]
+    pub fn notice(&self) -> Option<String> {
+        let other = self.landmark_lies_on?;
+        let level = self.level;
+        Some(format!(
+            "the landmark named {level} lies on {other} by the shape of the bones: check the names"
+        ))
+    }
 }
 
 /// One carried-over trajectory.
@@ -213,11 +228,11 @@ pub fn transfer_with_progress(
         free_space,
     };
     let mapped = map_poses.map(|poses| Configuration::new(Origin::FunctionalMap, poses));
-    let found = Search::new(&model.vertebrae, &coarse, &search)
+    let search = Search::new(&model.vertebrae, &coarse, &search)
         .with_free_space(free_space)
         .with_landmarks(scene.trusted_landmarks())
-        .with_free_levels(scene.levels_are_free())
-        .run(mapped, scene.starts());
+        .with_free_levels(scene.levels_are_free());
+    let found = search.run(mapped, scene.starts());
 
     begins(Stage::Finish);
     let sensor = Sensor {
@@ -225,12 +240,16 @@ pub fn transfer_with_progress(
         free_space,
         picture: prepared.picture.as_ref(),
     };
-    let found = match prepared.sensor_noise_mm {
+    let mut found = match prepared.sensor_noise_mm {
         Some(noise_mm) if free_space.is_some() => {
             Rivals::new(&model.vertebrae, fine, &sensor, noise_mm).settled(found)
         }
         _ => found,
     };
+    // The margin is that of poses that have changed since.
+    if found.level_margin < options.verdict.min_level_margin {
+        found.level_margin = search.level_margin(&found.configuration);
+    }
     let fit = finish(&model.vertebrae, fine, &found.configuration.poses, &sensor)?;
     let conclusion = Conclusion {
         model,

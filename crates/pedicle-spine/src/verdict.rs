@@ -161,7 +161,10 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
             max: options.max_hidden_share,
         },
     );
-    if let Some(distance_mm) = evidence.landmark_distance_mm {
+    // Two names that changed places, or moved on by a level: the shape is sure where it would be without any name.
+    let is_wrong_name =
+        evidence.landmark_is_of_another && evidence.level_margin >= options.min_level_margin;
+    if let Some(distance_mm) = evidence.landmark_distance_mm.filter(|_| !is_wrong_name) {
         demand(
             distance_mm <= options.max_landmark_distance_mm,
             Rejection::FarFromLandmark {
@@ -206,6 +209,7 @@ mod tests {
             landmarks_support_levels: true,
             alternative_margin: 0.4,
             landmark_distance_mm: Some(4.0),
+            landmark_is_of_another: false,
             misfit: Misfit::NOISE_ONLY,
             seen_through: 0.0,
             hidden_share: 0.0,
@@ -235,6 +239,23 @@ mod tests {
         assert_eq!(judged(0.05, false), 1, "the shape alone is not sure");
         assert_eq!(judged(0.01, true), 1, "names alone are not enough");
         assert_eq!(judged(0.2, false), 0, "the shape is sure");
+    }
+
+    #[test]
+    fn a_wrong_name_needs_a_shape_that_is_sure_of_the_levels() {
+        let judged = |margin: f64, is_of_another: bool| {
+            let evidence = Evidence {
+                level_margin: margin,
+                landmark_distance_mm: Some(36.0),
+                landmark_is_of_another: is_of_another,
+                ..good()
+            };
+            rejections(&evidence, &VerdictOptions::default()).len()
+        };
+        assert_eq!(judged(0.2, true), 0, "the shape is sure");
+        assert_eq!(judged(0.1, true), 1, "other names support it, no more");
+        assert_eq!(judged(f64::NAN, true), 2, "nothing is known");
+        assert_eq!(judged(0.5, false), 1, "far from every vertebra");
     }
 
     #[test]

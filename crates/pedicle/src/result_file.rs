@@ -72,6 +72,10 @@ pub struct VertebraEntry {
     pub accepted: bool,
     /// Why not, as sentences.
     pub reasons: Vec<String>,
+    /// What a user must know even of an accepted vertebra: a landmark that has the name of another one; null if there
+    /// is nothing.
+    #[serde(default)]
+    pub notice: Option<String>,
     /// 4 × 4 homogeneous matrix, row-major, mm.
     pub target_from_source: [[f64; 4]; 4],
     /// Root mean square distance of its points from its surface, mm; null without a fit.
@@ -159,6 +163,7 @@ impl From<&Transfer> for TransferFile {
                     level: v.level,
                     accepted: v.accepted,
                     reasons: v.reasons.iter().map(ToString::to_string).collect(),
+                    notice: v.notice(),
                     target_from_source: rows(|i, j| matrix[(i, j)]),
                     residual_mm: finite(v.residual_mm),
                     noise_mm: finite(v.noise_mm),

@@ -58,16 +58,19 @@ fn swapped_landmarks_are_found_out() {
     let found = run(&target);
     let verdicts = verdicts(&found, &truth);
     assert!(verdicts.iter().all(|(right, _)| *right), "{verdicts:?}");
-    let n_told = found
+    let told: Vec<_> = found
         .vertebrae
         .iter()
-        .flat_map(|v| &v.reasons)
-        .filter(|r| matches!(r, Rejection::FarFromLandmark { .. }))
-        .count();
-    assert!(
-        n_told == 2,
-        "{n_told} vertebrae are told to be far from their landmarks"
+        .filter_map(|v| Some((v.level, v.landmark_lies_on?)))
+        .collect();
+    assert_eq!(told.len(), 2, "whose landmark lies on another: {told:?}");
+    assert_eq!(
+        (told[0].0, told[0].1),
+        (told[1].1, told[1].0),
+        "they changed places"
     );
+    let words = found.vertebrae.iter().filter_map(|v| v.notice());
+    assert!(words.clone().count() == 2 && words.clone().all(|w| w.contains("check the names")));
 }
 
 #[test]

@@ -105,7 +105,12 @@ fn landmarks_one_level_off_never_lead_to_a_false_accept() {
             }
             assert!(
                 !found.all_accepted(),
-                "{deformation}: wrong landmarks must be noticed"
+                "{deformation}: a landmark lies where there is no vertebra"
+            );
+            let n_noticed = found.vertebrae.iter().filter_map(|v| v.notice()).count();
+            assert!(
+                n_noticed >= 4,
+                "{deformation}: {n_noticed} wrong names noticed"
             );
         }
     }
@@ -127,10 +132,9 @@ fn swapped_landmarks_never_lead_to_a_false_accept() {
         assert!(v.accepted, "{level} has its own landmark: {:?}", v.reasons);
     }
     for level in [Level::L2, Level::L3] {
-        assert!(
-            !found.vertebrae[level.index()].accepted,
-            "{level} is far from its landmark"
-        );
+        let v = &found.vertebrae[level.index()];
+        let other = if level == Level::L2 { Level::L3 } else { Level::L2 };
+        assert_eq!(v.landmark_lies_on, Some(other), "{level} has a wrong name");
     }
     for (v, t) in found.vertebrae.iter().zip(&simulated.truth) {
         let error = t.error_of(&v.target_from_source);

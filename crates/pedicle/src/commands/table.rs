@@ -70,9 +70,10 @@ pub(crate) fn transfer_tables(transfer: &Transfer) -> String {
         .vertebrae
         .iter()
         .flat_map(|v| {
-            v.reasons
-                .iter()
-                .map(move |reason| format!("{}: {reason}\n", v.level))
+            let reasons = v.reasons.iter().map(ToString::to_string);
+            reasons
+                .chain(v.notice())
+                .map(move |words| format!("{}: {words}\n", v.level))
         })
         .collect();
     format!(

@@ -155,6 +155,19 @@ fn vertebrae(report: &TransferReport<'_>) -> Section {
         .flat_map(|v| v.reasons.iter().map(move |r| format!("{}: {r}", v.level)))
         .collect();
     let mut section = Section::new("vertebrae", "Vertebrae").with(Block::Table(table));
+    let notices: Vec<String> = report
+        .transfer
+        .vertebrae
+        .iter()
+        .filter_map(|v| Some(format!("{}: {}", v.level, v.notice()?)))
+        .collect();
+    if !notices.is_empty() {
+        section = section
+            .with(Block::Text(
+                "Landmarks have the names of other vertebrae; the shape decided:".to_owned(),
+            ))
+            .with(Block::List(notices));
+    }
     if !reasons.is_empty() {
         section = section
             .with(Block::Text(
