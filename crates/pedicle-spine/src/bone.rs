@@ -115,7 +115,7 @@ impl BoneSurface {
     }
 
     /// Points spread evenly over the area: one in the middle of every stretch of the faces' running area, at
-    /// the centre of the face there.
+    /// places of the face there that a low-discrepancy sequence gives (R2: Roberts 2018).
     pub(crate) fn spread_points(&self, n: usize) -> Vec<Point3<f64>> {
         // Every face stands with its three corners; the first one counts.
         let faces = (0..self.vertices.len()).flat_map(|v| {
@@ -136,7 +136,14 @@ impl BoneSurface {
         for (area, [a, b, c]) in triangles {
             behind += area;
             while next < behind && points.len() < n {
-                points.push(Point3::from((a.coords + b.coords + c.coords) / 3.0));
+                let k = points.len() as f64 + 1.0;
+                let (u, v) = ((k * R2.0).fract(), (k * R2.1).fract());
+                let (u, v) = if u + v > 1.0 {
+                    (1.0 - u, 1.0 - v)
+                } else {
+                    (u, v)
+                };
+                points.push(a + (b - a) * u + (c - a) * v);
                 next += step;
             }
         }
@@ -284,6 +291,9 @@ impl BoneSurface {
 /// A triangle lies behind a corner if the products of its edges and of the way to the point are below this:
 /// beyond what rounding does, mm².
 const BEHIND: f64 = 1e-6;
+
+/// Steps of the R2 sequence: powers of 1 over the plastic number.
+const R2: (f64, f64) = (0.754_877_666_246_692_8, 0.569_840_290_998_053_2);
 
 /// A walk that ends farther away than this is not trusted, mm: thin bone is twice as thick.
 const WALK_REACH_MM: f64 = 1.5;

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use crate::SpineError;
 use crate::along_rays::{CameraView, SeenFromCamera, along_rays};
 use crate::bare_bone::BareBone;
+use crate::blurred_bone::{BLURRED_FROM_MM, BlurredBone, MAX_POINTS};
 use crate::bone::BoneSurface;
 use crate::enlarged::enlarged;
 use crate::explained::Explained;
@@ -15,11 +16,10 @@ use crate::free_space::FreeSpace;
 use crate::local_shape::Local;
 use crate::misfit::{Misfit, misfit, misfit_along_rays};
 use crate::model::Vertebra;
-use crate::noise_offset::BENDS_FROM_MM;
 use crate::points::PointSet;
 use crate::scoring::{ScoreTable, UNASSIGNED, points_of};
 use crate::seen_bone::SeenBone;
-use crate::shape_change::ShapeChange;
+use crate::shape_change::{SHAPE_FROM_MM, ShapeChange};
 
 /// Rounds of giving points to vertebrae and fitting.
 const ROUNDS: usize = 3;
@@ -234,25 +234,23 @@ pub(crate) fn finish(
         }
     }
 
-    let noise_mm = median_noise(&refinements);
-    let needs_shape = sensor.free_space.is_none() && noise_mm >= BENDS_FROM_MM;
-    let shapes = if needs_shape {
+    let is_blurred = sensor.free_space.is_none() && median_noise(&refinements) >= BLURRED_FROM_MM;
+    let shapes = if is_blurred {
         vertebrae
             .par_iter()
-            .zip(&refinements)
-            .zip(&poses)
+            .zip(&mut refinements)
+            .zip(&mut poses)
             .zip(&lists)
             .map(|(((vertebra, refinement), pose), own)| {
-                let Some(fit) = refinement else {
-                    return Ok(None);
-                };
                 let points = select(&target.points.positions, own);
-                ShapeChange::new(vertebra, pose, &points, (fit.noise_mm, gate_mm))
+                blur(vertebra, &points, refinement, pose)
             })
             .collect::<Result<Vec<_>, SpineError>>()?
     } else {
         vertebrae.iter().map(|_| None).collect()
     };
+    let noise_mm = median_noise(&refinements);
+    let needs_shape = is_blurred && noise_mm >= SHAPE_FROM_MM;
     let explained = Explained::count(&bones, &poses, &target.points, (noise_mm, sensor));
     let fits = vertebrae
         .par_iter()
@@ -276,12 +274,18 @@ pub(crate) fn finish(
                 .zip(&vertebra.is_posterior)
                 .filter(|(_, back)| **back);
             let centroid = poses[v] * vertebra.bone.centroid();
+            // The covariance of the density knows what noise does.
+            let first_order_mm = if is_blurred && own.len() <= MAX_POINTS {
+                0.0
+            } else {
+                noise_mm
+            };
             Ok(Fit {
                 target_from_source: poses[v],
                 covariance: refinement.as_ref().map(|fit| {
                     enlarged(
                         &fit.covariance.about(&centroid),
-                        (noise_mm, explained.hidden_share(v)),
+                        (first_order_mm, explained.hidden_share(v)),
                         sensor,
                         &misfit,
                     )
@@ -315,6 +319,36 @@ pub(crate) fn finish(
 
 pub(crate) fn select(points: &[Point3<f64>], chosen: &[u32]) -> Vec<Point3<f64>> {
     chosen.iter().map(|&p| points[p as usize]).collect()
+}
+
+/// Puts the likeliest pose of noisy points in the place of the fit to the closest places, unless there are enough points for
+/// that; and what they say of the bone's shape.
+fn blur(
+    vertebra: &Vertebra,
+    points: &[Point3<f64>],
+    refinement: &mut Option<Refinement>,
+    pose: &mut Isometry3<f64>,
+) -> Result<Option<ShapeChange>, SpineError> {
+    let Some(fit) = refinement.as_mut() else {
+        return Ok(None);
+    };
+    let stride = points.len().div_ceil(MAX_POINTS).max(1);
+    let few: Vec<Point3<f64>> = points.iter().step_by(stride).copied().collect();
+    let bone = BlurredBone::new(&vertebra.bone, vertebra.area_mm2, fit.noise_mm)?;
+    let Some(likeliest) = bone.fit(pose, &few, fit.noise_mm) else {
+        *refinement = None;
+        return Ok(None);
+    };
+    let shape = (likeliest.blur.sigma_mm >= SHAPE_FROM_MM)
+        .then(|| ShapeChange::new(&bone, &vertebra.frame, &likeliest, &few))
+        .flatten();
+    if stride == 1 {
+        *pose = likeliest.target_from_source;
+        fit.target_from_source = likeliest.target_from_source;
+        fit.covariance = likeliest.covariance;
+        fit.noise_mm = likeliest.blur.sigma_mm;
+    }
+    Ok(shape)
 }
 
 fn median_noise(refinements: &[Option<Refinement>]) -> f64 {

@@ -47,6 +47,7 @@
 
 mod along_rays;
 mod bare_bone;
+mod blurred_bone;
 mod bone;
 mod cell_grid;
 mod chain;
@@ -69,7 +70,6 @@ mod model;
 mod nearby;
 mod nearest_cells;
 mod nearest_vertices;
-mod noise_offset;
 mod options;
 mod points;
 mod prepare;

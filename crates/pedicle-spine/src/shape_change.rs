@@ -1,32 +1,30 @@
 //! Whether the bones of the target have the shape of the plan's where noise hides every bump.
 //!
 //! ```text
-//! r_i = a_iᵀ δ + β b_i + m_iᵀ e + noise,   m_i = n_i · { symmetric linear, quadratic fields at q_i }
+//! g_i = ∂ log p(x_i) / ∂(T, σ, e),   s_j → s_j + Σ_k e_k f_k(s_j)
 //! χ² = gᵀ (G + R)⁻¹ g,   ⟨χ²⟩ = tr (G + R)⁻¹ G,   excess = (χ² - ⟨χ²⟩) / √(2 ⟨χ²⟩)
 //! ```
 //!
 //! √(2 ⟨χ²⟩) is the standard deviation of χ² where the points fix all of e, and more than it elsewhere.
 //!
-//! r are the signed distances of the target points from the bone less those that noise gives them
-//! (b, [`crate::noise_offset`]), a and δ the change of pose, e the 24 numbers of a smooth deformation along the axes
-//! of the vertebra: stretch and shear, and all quadratic fields. δ and β (an error of the noise's size) are free. G and
-//! g are information and score of e once those are taken out, R⁻¹ the variance that a deformation may have.
+//! p is the density of noisy points of the bone ([`crate::blurred_bone`]), e the 24 numbers of a smooth deformation along the axes
+//! of the vertebra: stretch and shear, and all quadratic fields. G and g are information and score of e once pose and σ are taken
+//! out, R⁻¹ the variance that a deformation may have: the score test of Rao 1948, which needs no fit of the deformation. The
+//! information is that of points drawn from p.
 //!
 //! χ² is judged twice: of every bone by itself, summed, and of one deformation common to all bones, for a person who is
 //! larger is so at every level.
 
-use nalgebra::{Isometry3, Point3, SMatrix, SVector, Vector3};
-use pedicle_registration::ReferenceSurface;
+use nalgebra::{Matrix3, Point3, SMatrix, SVector, Vector3};
 use pedicle_trajectory::AnatomicalFrame;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
 
-use crate::SpineError;
-use crate::bone::BoneSurface;
-use crate::model::Vertebra;
-use crate::noise_offset::NoiseOffset;
-use crate::verdict_noise::median;
+use crate::blurred_bone::{Blur, BlurredBone, BlurredFit, N_FREE, derivative};
 
-/// Pose and size of the noise.
-const N_FREE: usize = 7;
+/// From this noise on the bones' shape is judged, mm: it hides what tells one person's bones from another's.
+pub(crate) const SHAPE_FROM_MM: f64 = 1.25;
 /// Numbers of a deformation: 6 of stretch and shear, 18 of quadratic fields.
 const N_MODES: usize = 24;
 const N: usize = N_FREE + N_MODES;
@@ -34,12 +32,12 @@ const N: usize = N_FREE + N_MODES;
 const LEVER_MM: f64 = 25.0;
 /// Prior deviation of every number of a deformation, mm.
 const PRIOR_MM: f64 = 1.5;
-/// Prior deviation of β.
-const PRIOR_OF_SCALE: f64 = 0.1;
-/// Residuals beyond this many robust deviations are not of this bone.
-const WITHIN_SIGMA: f64 = 4.0;
-/// Median absolute deviation of a normal distribution.
-const MAD_OF_NORMAL: f64 = 0.674_489_75;
+/// Targets' points are not spread evenly over the bone, and not so in the same way on all bones: the excess of one common deformation
+/// is so many times as large.
+const COMMON_DEVIATIONS: f64 = 2.0;
+/// Points drawn for the information, the same for every bone and target.
+const N_DRAWN: usize = 3000;
+const SEED: u64 = 0x6e6f_6973_6520_6269;
 /// Fewest points that say anything about a deformation.
 const MIN_POINTS: usize = 60;
 
@@ -78,75 +76,55 @@ pub struct SpineChange {
 }
 
 impl ShapeChange {
-    /// Of the points given to a vertebra, for a noise found by its fit. None if they are too few.
+    /// Of the points of a vertebra and where they are likeliest. None if they are too few.
     pub(crate) fn new(
-        vertebra: &Vertebra,
-        pose: &Isometry3<f64>,
+        blurred: &BlurredBone,
+        frame: &AnatomicalFrame,
+        fit: &BlurredFit,
         points: &[Point3<f64>],
-        (noise_mm, gate_mm): (f64, f64),
-    ) -> Result<Option<Self>, SpineError> {
-        let bone = &vertebra.bone;
-        let offset = NoiseOffset::new(bone, noise_mm, gate_mm)?;
-        Ok(offset.and_then(|offset| {
-            Self::from_offset((bone, &vertebra.frame), &offset, pose, points, gate_mm)
-        }))
-    }
-
-    fn from_offset(
-        (bone, frame): (&BoneSurface, &AnatomicalFrame),
-        offset: &NoiseOffset,
-        pose: &Isometry3<f64>,
-        points: &[Point3<f64>],
-        gate_mm: f64,
     ) -> Option<Self> {
-        let inverse = pose.inverse();
-        let rows: Vec<(SVector<f64, N>, f64)> = points
-            .iter()
-            .filter_map(|p| {
-                let local = inverse * p;
-                let hit = bone.closest_within(&local, gate_mm)?;
-                let offset_mm = offset.at(&hit);
-                let r = (local - hit.point).dot(&hit.normal) - offset_mm;
-                let place = (hit.point - bone.centroid()) / LEVER_MM;
-                Some((row(&place, &hit.normal, offset_mm, frame), r))
-            })
-            .collect();
-        if rows.len() < MIN_POINTS {
+        if points.len() < MIN_POINTS {
             return None;
         }
-        let middle = median(rows.iter().map(|(_, r)| *r).collect());
-        let deviations = rows.iter().map(|(_, r)| (r - middle).abs()).collect();
-        let limit = WITHIN_SIGMA * median(deviations) / MAD_OF_NORMAL;
-        let kept = || rows.iter().filter(|(_, r)| (r - middle).abs() <= limit);
+        let inverse = fit.target_from_source.inverse();
+        let local: Vec<Point3<f64>> = points.iter().map(|p| inverse * p).collect();
+        let mut rng = ChaCha8Rng::seed_from_u64(SEED);
+        let noise = || Vector3::from_fn(|_, _| StandardNormal.sample(&mut rng));
+        let drawn = blurred.drawn(&fit.blur, N_DRAWN, noise);
 
-        let n = kept().count();
-        let mut normal = SMatrix::<f64, N, N>::zeros();
-        let (mut right, mut squares) = (SVector::<f64, N>::zeros(), 0.0);
-        for (row, r) in kept() {
-            normal.ger(1.0, row, row, 1.0);
-            right.axpy(*r, row, 1.0);
-            squares += r * r;
-        }
-        let variance = squares / n as f64;
-        normal[(N_FREE - 1, N_FREE - 1)] += variance / (PRIOR_OF_SCALE * PRIOR_OF_SCALE);
-        let free = normal.fixed_view::<N_FREE, N_FREE>(0, 0).into_owned();
-        let across = normal.fixed_view::<N_FREE, N_MODES>(0, N_FREE).into_owned();
-        let modes = normal
+        let (mut information, mut score) = (SMatrix::<f64, N, N>::zeros(), SVector::zeros());
+        let mut n_drawn = 0.0;
+        for_each_row(blurred, frame, &fit.blur, &drawn, |row| {
+            information.ger(1.0, row, row, 1.0);
+            n_drawn += 1.0;
+        });
+        let mut n = 0.0;
+        let mut seen = SMatrix::<f64, N, N>::zeros();
+        for_each_row(blurred, frame, &fit.blur, &local, |row| {
+            score += row;
+            seen.ger(1.0, row, row, 1.0);
+            n += 1.0;
+        });
+        information *= n / n_drawn;
+        // Points that lie more densely where they tell more say more than those drawn.
+        let scale = information.cholesky()?.solve(&seen).trace() / N as f64;
+        let scale = if scale > 1.0 { scale } else { 1.0 };
+        information /= scale;
+        score /= scale;
+
+        let free = information.fixed_view::<N_FREE, N_FREE>(0, 0).into_owned();
+        let across = information
+            .fixed_view::<N_FREE, N_MODES>(0, N_FREE)
+            .into_owned();
+        let modes = information
             .fixed_view::<N_MODES, N_MODES>(N_FREE, N_FREE)
             .into_owned();
-        let right_free = right.fixed_rows::<N_FREE>(0).into_owned();
+        let score_free = score.fixed_rows::<N_FREE>(0).into_owned();
         let cholesky = free.cholesky()?;
-        let explained = right_free.dot(&cholesky.solve(&right_free));
-        let variance = (squares - explained) / n as f64;
-        if variance.is_nan() || variance <= 0.0 {
-            return None;
-        }
-        let score =
-            right.fixed_rows::<N_MODES>(N_FREE) - across.transpose() * cholesky.solve(&right_free);
-        let information = modes - across.transpose() * cholesky.solve(&across);
         Some(Self {
-            information: information / variance,
-            score: score / variance,
+            information: modes - across.transpose() * cholesky.solve(&across),
+            score: score.fixed_rows::<N_MODES>(N_FREE)
+                - across.transpose() * cholesky.solve(&score_free),
         })
     }
 
@@ -185,6 +163,7 @@ impl ShapeChange {
         }
         let (change, chi) = common.judged()?;
         let (alone, together) = (summed.excess(), chi.excess());
+        let together = together / COMMON_DEVIATIONS;
         Some(SpineChange {
             excess: if together > alone || together.is_nan() {
                 together
@@ -196,43 +175,66 @@ impl ShapeChange {
     }
 }
 
-/// Derivatives of a residual by the change of pose, the size of the noise and the deformation.
-fn row(
-    place: &Vector3<f64>,
-    normal: &Vector3<f64>,
-    offset_mm: f64,
+/// Derivatives of every point's log density by the change of pose, σ and the deformation, in the source frame.
+fn for_each_row(
+    blurred: &BlurredBone,
     frame: &AnatomicalFrame,
-) -> SVector<f64, N> {
+    blur: &Blur,
+    points: &[Point3<f64>],
+    mut with: impl FnMut(&SVector<f64, N>),
+) {
     let axes = [frame.left, frame.anterior, frame.up];
-    let u = axes.map(|f| f.dot(place));
-    let n = axes.map(|f| f.dot(normal));
-    let mut row = SVector::<f64, N>::zeros();
-    let turn = place.cross(normal);
-    let pose = turn.iter().chain(normal.iter()).copied();
-    let stretch = (0..3).map(|k| u[k] * n[k]);
-    let shear = [(0, 1), (0, 2), (1, 2)].map(|(i, j)| u[i] * n[j] + u[j] * n[i]);
     let pairs = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
-    let quadratic = pairs
-        .into_iter()
-        .flat_map(|(i, j)| (0..3).map(move |k| u[i] * u[j] * n[k]));
-    let all = pose
-        .chain([offset_mm])
-        .chain(stretch)
-        .chain(shear)
-        .chain(quadratic);
-    for (entry, value) in row.iter_mut().zip(all) {
-        *entry = value;
+    let variance = blur.sigma_mm * blur.sigma_mm;
+    let mut shown = Vec::new();
+    for x in points {
+        blurred.shown_by(x, blur, &mut shown);
+        if shown.is_empty() {
+            continue;
+        }
+        let (pull_mm, square_mm2) = blurred.pull(x, &shown);
+        let arm = x - blurred.center();
+        let free = derivative(&pull_mm, square_mm2, &arm, blur.sigma_mm);
+        // Moving a place by a field moves the density with it: the noise (x - s) / σ² along the field.
+        let mut linear = Matrix3::zeros();
+        let mut quadratic = SMatrix::<f64, 3, 6>::zeros();
+        for &(j, r) in &shown {
+            let place = blurred.places[j as usize];
+            let lever = (place - blurred.center()) / LEVER_MM;
+            let u = axes.map(|f| f.dot(&lever));
+            let away = (x - place) * (r / variance);
+            let e = axes.map(|f| f.dot(&away));
+            for (i, e) in e.into_iter().enumerate() {
+                for (k, u) in u.into_iter().enumerate() {
+                    linear[(i, k)] += e * u;
+                }
+                for (k, (a, b)) in pairs.into_iter().enumerate() {
+                    quadratic[(i, k)] += e * u[a] * u[b];
+                }
+            }
+        }
+        let stretch = (0..3).map(|k| linear[(k, k)]);
+        let shear = [(0, 1), (0, 2), (1, 2)].map(|(i, j)| linear[(i, j)] + linear[(j, i)]);
+        let all = free
+            .iter()
+            .copied()
+            .chain(stretch)
+            .chain(shear)
+            .chain(quadratic.iter().copied());
+        let mut row = SVector::<f64, N>::zeros();
+        for (entry, value) in row.iter_mut().zip(all) {
+            *entry = value;
+        }
+        with(&row);
     }
-    row
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bone::BoneSurface;
+    use nalgebra::Isometry3;
     use pedicle_simulation::{MeshingOptions, PhantomParameters, generate_phantom};
-    use rand::SeedableRng;
-    use rand_chacha::ChaCha8Rng;
-    use rand_distr::{Distribution, StandardNormal};
 
     #[test]
     fn a_spine_of_another_size_is_told_through_noise_and_the_own_is_not() {
@@ -245,7 +247,7 @@ mod tests {
             anterior: -Vector3::y(),
             up: Vector3::z(),
         };
-        let (sigma_mm, gate_mm) = (2.0, 10.0);
+        let sigma_mm = 2.0;
         let spine = |larger: [f64; 3]| {
             let scale = Vector3::new(1.0 + larger[0], 1.0 + larger[1], 1.0 + larger[2]);
             let mut rng = ChaCha8Rng::seed_from_u64(3);
@@ -255,29 +257,28 @@ mod tests {
                 .map(|vertebra| {
                     let bone = BoneSurface::new(&vertebra.mesh).unwrap();
                     let center = bone.centroid();
-                    let points: Vec<Point3<f64>> = vertebra
-                        .mesh
-                        .vertices()
-                        .iter()
-                        .step_by(7)
+                    let points: Vec<Point3<f64>> = bone
+                        .spread_points(900)
+                        .into_iter()
                         .map(|p| {
                             let noise =
                                 Vector3::from_fn(|_, _| StandardNormal.sample(&mut rng)) * sigma_mm;
                             pose * (center + (p - center).component_mul(&scale) + noise)
                         })
                         .collect();
-                    let offset = NoiseOffset::new(&bone, 1.9, gate_mm).unwrap().unwrap();
-                    ShapeChange::from_offset((&bone, &frame), &offset, &pose, &points, gate_mm)
-                        .unwrap()
+                    let area_mm2 = vertebra.mesh.area();
+                    let blurred = BlurredBone::new(&bone, area_mm2, sigma_mm).unwrap();
+                    let fit = blurred.fit(&pose, &points, sigma_mm).unwrap();
+                    ShapeChange::new(&blurred, &frame, &fit, &points).unwrap()
                 })
                 .collect();
             ShapeChange::of_spine(&all.iter().collect::<Vec<_>>()).unwrap()
         };
         let own = spine([0.0; 3]);
-        assert!(own.excess < 3.0, "{own:?}");
+        assert!(own.excess.abs() < 3.0, "{own:?}");
         let truth = Vector3::new(0.03, -0.02, 0.03);
         let other = spine(truth.into());
-        assert!(other.excess > 10.0, "{other:?}");
+        assert!(other.excess > 7.0, "{other:?}");
         assert!(
             (other.larger - truth).amax() < 0.012,
             "{:?} for {truth:?}",

@@ -133,7 +133,11 @@ fn swapped_landmarks_never_lead_to_a_false_accept() {
     }
     for level in [Level::L2, Level::L3] {
         let v = &found.vertebrae[level.index()];
-        let other = if level == Level::L2 { Level::L3 } else { Level::L2 };
+        let other = if level == Level::L2 {
+            Level::L3
+        } else {
+            Level::L2
+        };
         assert_eq!(v.landmark_lies_on, Some(other), "{level} has a wrong name");
     }
     for (v, t) in found.vertebrae.iter().zip(&simulated.truth) {
