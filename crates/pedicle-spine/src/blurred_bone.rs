@@ -148,7 +148,7 @@ impl BlurredBone {
             .execute();
         let mut sum = 0.0;
         for item in near {
-            let j = item.item as u32;
+            let j = item.item;
             let weight = blur.weights[self.region[j as usize] as usize];
             let r = weight * (-0.5 * item.distance / variance).exp();
             sum += r;
