@@ -13,6 +13,7 @@ use nalgebra::{Isometry3, Point3, Unit, UnitQuaternion, Vector3};
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, Normal};
 
+use crate::CameraNoise;
 use crate::scene::{Material, Scene, Wound};
 
 /// Distance from the laminae, mm.
@@ -30,8 +31,6 @@ const DEEPEST_MM: f64 = 70.0;
 
 /// Distance the noise is given for, mm.
 const REFERENCE_MM: f64 = 500.0;
-/// Grazing rays are no noisier than at this cosine.
-const LEAST_COSINE: f64 = 0.2;
 /// Step of the depth at the reference distance, mm.
 const STEP_MM: f64 = 0.2;
 /// Share of the pixels that return nothing.
@@ -126,7 +125,7 @@ impl Camera {
         &self,
         scene: &Scene<'_>,
         wound: &Wound,
-        noise: &Normal<f64>,
+        (noise, law): (&Normal<f64>, CameraNoise),
         rng: &mut impl Rng,
     ) -> DepthImage {
         let (first, n) = self.extent(wound);
@@ -149,13 +148,20 @@ impl Camera {
             })
             .collect();
         let range_of = |pixel: usize| hits[pixel].as_ref().map(|(hit, _)| hit.distance_mm);
+        // Every pixel takes as many numbers, whatever it sees.
+        let (chances, errors): (Vec<[f64; 3]>, Vec<f64>) = rays
+            .iter()
+            .map(|_| {
+                let dropout = rng.random_range(0.0..1.0);
+                let edge = rng.random_range(0.0..1.0);
+                let mix = rng.random_range(0.1..0.9);
+                ([dropout, edge, mix], noise.sample(rng))
+            })
+            .unzip();
+        let errors = law.errors(errors, n);
         let mut pixels = Vec::with_capacity(rays.len());
         for (pixel, (ray, hit)) in rays.iter().zip(&hits).enumerate() {
-            // Every pixel takes as many numbers, whatever it sees.
-            let [dropout, edge]: [f64; 2] =
-                [rng.random_range(0.0..1.0), rng.random_range(0.0..1.0)];
-            let mix = rng.random_range(0.1..0.9);
-            let error = noise.sample(rng);
+            let [dropout, edge, mix] = chances[pixel];
             let Some((hit, material)) = hit else {
                 pixels.push(None);
                 continue;
@@ -178,14 +184,9 @@ impl Camera {
                 hit.distance_mm
             };
             let growth = growth(true_range);
-            let steepness = if cosine > LEAST_COSINE {
-                cosine
-            } else {
-                LEAST_COSINE
-            };
             let step = STEP_MM * growth;
             let along = ray.dot(&self.forward);
-            let depth = (true_range + error * growth / steepness) * along;
+            let depth = (true_range + errors[pixel] * growth / law.steepness(cosine)) * along;
             let range_mm = (depth / step).round() * step / along;
             let shows = match material {
                 Material::Bone(vertebra) if !flies => Some((*vertebra, hit.point, hit.normal)),

@@ -48,6 +48,7 @@
 
 mod arch;
 mod camera;
+mod camera_noise;
 mod case;
 mod coverage;
 mod cut;
@@ -77,6 +78,7 @@ mod suite_simulate;
 mod suite_target;
 mod vertebra;
 
+pub use camera_noise::CameraNoise;
 pub use case::{CaseVertebra, SpineCase};
 pub use error::SimulationError;
 pub use meshing::MeshingOptions;
@@ -93,5 +95,5 @@ pub use suite::{
     subject_seed, suite_scenarios,
 };
 pub use suite_cell::{MotionRange, SensorForm, Stress, SuiteCell};
-pub use suite_simulate::simulate_suite;
+pub use suite_simulate::{simulate_suite, simulate_suite_with};
 pub use suite_target::{SensorView, SuiteTarget, SuiteTruth, TargetSurface};

@@ -18,8 +18,8 @@ use crate::soft_tissue::grown;
 use crate::suite::SuiteStream;
 use crate::suite_simulate::noise_of;
 use crate::{
-    MotionRange, SensorForm, SensorView, SimulationError, SpineCase, SuiteCell, SuiteScenario,
-    SuiteTarget, SuiteTruth, TargetSurface, VertebraTruth,
+    CameraNoise, MotionRange, SensorForm, SensorView, SimulationError, SpineCase, SuiteCell,
+    SuiteScenario, SuiteTarget, SuiteTruth, TargetSurface, VertebraTruth,
 };
 
 /// No face joins pixels whose ranges differ by more, mm.
@@ -29,6 +29,7 @@ const LARGEST_JUMP_MM: f64 = 4.0;
 pub(crate) fn simulate_sensor(
     case: &SpineCase,
     scenario: &SuiteScenario,
+    law: CameraNoise,
 ) -> Result<SuiteTarget, SimulationError> {
     let SuiteCell::Sensor {
         form,
@@ -56,7 +57,7 @@ pub(crate) fn simulate_sensor(
         None => bare,
     };
     let mut pixels = scenario.rng(SuiteStream::Pixels);
-    let image = camera.image(&scene, &wound, &noise, &mut pixels);
+    let image = camera.image(&scene, &wound, (&noise, law), &mut pixels);
 
     let (surface, pixel_of_point) = as_surface(&image, form, &placement, scenario)?;
     let poses: Vec<Isometry3<f64>> = bends.iter().map(|bend| placement * bend).collect();

@@ -26,8 +26,8 @@ use crate::soft_tissue::grown;
 use crate::suite::SuiteStream;
 use crate::suite_simulate::noise_of;
 use crate::{
-    MotionRange, SensorView, SimulationError, SpineCase, SuiteCell, SuiteScenario, SuiteTarget,
-    TargetSurface,
+    CameraNoise, MotionRange, SensorView, SimulationError, SpineCase, SuiteCell, SuiteScenario,
+    SuiteTarget, TargetSurface,
 };
 
 /// Amplitude of the breathing of every vertebra, mm and rad (3°).
@@ -153,7 +153,12 @@ impl<'a> SensorSequence<'a> {
         let scene = Scene::new(self.case, &moved, tissue.as_ref())?;
         let camera = self.camera.moved(&drift(&self.wound, time_s));
         let mut pixels = self.rng(SuiteStream::Pixels, time_s);
-        Ok(camera.image(&scene, &self.wound, &self.noise, &mut pixels))
+        Ok(camera.image(
+            &scene,
+            &self.wound,
+            (&self.noise, CameraNoise::default()),
+            &mut pixels,
+        ))
     }
 
     /// The motions of all vertebrae in the frame of the source.

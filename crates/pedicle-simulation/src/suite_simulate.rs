@@ -22,9 +22,9 @@ use crate::simulate::{placement, shuffled, turns};
 use crate::suite::SuiteStream;
 use crate::suite_target::absent;
 use crate::{
-    Deformation, MeshingOptions, PhantomParameters, Scenario, SimulationError, SpineCase, Stress,
-    SuiteCell, SuiteScenario, SuiteTarget, SuiteTruth, TargetSurface, VertebraTruth,
-    generate_phantom, simulate,
+    CameraNoise, Deformation, MeshingOptions, PhantomParameters, Scenario, SimulationError,
+    SpineCase, Stress, SuiteCell, SuiteScenario, SuiteTarget, SuiteTruth, TargetSurface,
+    VertebraTruth, generate_phantom, simulate,
 };
 
 /// Share of the surface that the harshest cut leaves.
@@ -40,6 +40,18 @@ const MISSING_LEVELS: [Level; 3] = [Level::L1, Level::L3, Level::L5];
 pub fn simulate_suite(
     case: &SpineCase,
     scenario: &SuiteScenario,
+) -> Result<SuiteTarget, SimulationError> {
+    simulate_suite_with(case, scenario, CameraNoise::default())
+}
+
+/// The same, with another law of the noise of cameras than the suites have.
+///
+/// # Errors
+/// As [`simulate_suite`].
+pub fn simulate_suite_with(
+    case: &SpineCase,
+    scenario: &SuiteScenario,
+    camera_noise: CameraNoise,
 ) -> Result<SuiteTarget, SimulationError> {
     match scenario.cell {
         SuiteCell::Paper {
@@ -71,7 +83,7 @@ pub fn simulate_suite(
             };
             meshed(case, case, scenario, &recipe)
         }
-        SuiteCell::Sensor { .. } => crate::sensor::simulate_sensor(case, scenario),
+        SuiteCell::Sensor { .. } => crate::sensor::simulate_sensor(case, scenario, camera_noise),
         SuiteCell::Stress { stress, .. } => stressed(case, scenario, stress),
     }
 }

@@ -36,7 +36,7 @@ use cell::{Cell, cells};
 use gates::Gates;
 pub(crate) use report::new_table;
 use score::ScenarioScore;
-use suites::{Spine, SuiteChoice};
+use suites::{CameraNoiseChoice, Spine, SuiteChoice};
 
 /// Run a suite of simulated scenarios and print errors, validity and acceptance beside the
 /// published figures. Exit code 1 when a gate is missed.
@@ -103,6 +103,14 @@ pub(crate) struct Arguments {
     /// Hold every target against the plan of the person before: whatever is accepted is a false accept.
     #[arg(long, requires = "subjects", conflicts_with = "baselines")]
     another_patient: bool,
+    /// Law of the noise of cameras, which the method takes to be grazing: what another one does to the figures of `sensor`.
+    #[arg(
+        long,
+        value_enum,
+        default_value = "grazing",
+        conflicts_with = "baselines"
+    )]
+    camera_noise: CameraNoiseChoice,
     /// Print every vertebra that is invalid or rejected, and every scenario that was refused.
     #[arg(long)]
     explain: bool,
@@ -301,7 +309,12 @@ impl Arguments {
                     scenarios
                         .par_iter()
                         .map(|scenario| {
-                            let score = score::run(&case, &model, scenario, another.as_ref());
+                            let score = score::run(
+                                &case,
+                                &model,
+                                scenario,
+                                (another.as_ref(), self.camera_noise.law()),
+                            );
                             bar.inc(1);
                             score
                         })

@@ -5,7 +5,8 @@ use std::time::{Duration, Instant};
 use nalgebra::Isometry3;
 use pedicle_registration::PoseCovariance;
 use pedicle_simulation::{
-    SuiteScenario, SuiteTarget, SuiteTruth, TargetSurface, simulate_suite, trajectory_error,
+    CameraNoise, SuiteScenario, SuiteTarget, SuiteTruth, TargetSurface, simulate_suite_with,
+    trajectory_error,
 };
 use pedicle_spine::{
     Origin, SensorView, SpineModel, Stage, Target, Transfer, TransferOptions, VertebraTransfer,
@@ -69,9 +70,9 @@ pub(super) fn run(
     case: &Case,
     model: &SpineModel,
     scenario: &SuiteScenario,
-    another: Option<&Case>,
+    (another, camera_noise): (Option<&Case>, CameraNoise),
 ) -> Result<ScenarioScore, XtaskError> {
-    let simulated = simulate_suite(&another.unwrap_or(case).spine, scenario)?;
+    let simulated = simulate_suite_with(&another.unwrap_or(case).spine, scenario, camera_noise)?;
     let target = target_of(&simulated);
     let options = TransferOptions {
         seed: scenario.seed,

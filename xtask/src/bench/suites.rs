@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use clap::ValueEnum;
-use pedicle_simulation::{Suite, subject_seed};
+use pedicle_simulation::{CameraNoise, Suite, subject_seed};
 
 use super::case::{self, Case, Given};
 use crate::XtaskError;
@@ -34,6 +34,27 @@ impl SuiteChoice {
             Self::Sensor => vec![Suite::Sensor],
             Self::Stress => vec![Suite::Stress],
             Self::All => Suite::ALL.to_vec(),
+        }
+    }
+}
+
+/// What `--camera-noise` names.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum CameraNoiseChoice {
+    /// Larger where the surface is steep, independent from pixel to pixel, as in the suite.
+    Grazing,
+    /// The same along every ray.
+    Even,
+    /// Larger where the surface is steep; neighbouring pixels err alike.
+    Smooth,
+}
+
+impl CameraNoiseChoice {
+    pub(super) fn law(self) -> CameraNoise {
+        match self {
+            Self::Grazing => CameraNoise::Grazing,
+            Self::Even => CameraNoise::Even,
+            Self::Smooth => CameraNoise::Smooth,
         }
     }
 }
