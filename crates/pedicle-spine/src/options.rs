@@ -63,8 +63,8 @@ pub struct VerdictOptions {
     /// Smallest share of the vertebra's target points that the fit explains. Default 0.85.
     pub min_explained_share: f64,
     /// Largest noise of the target surface, as the median bone shows it, mm; a single bone may show 1.1 times as much.
-    /// Default 2.1: beyond that the shape no longer tells whose bone it is. A noise of 2 mm shows as 1.7 to 2.05, one of 3 mm
-    /// as 2.2 and more.
+    /// Default 2.3: beyond that the shape no longer tells whose bone it is. A noise of 2 mm shows as 1.8 to 2.1, one of 3 mm
+    /// as 2.7 and more.
     pub max_noise_mm: f64,
     /// Largest standard deviation of the vertebra's position in the worst direction, mm. Default
     /// 0.6: more than four of them stay within the published margin of 2.5 mm.
@@ -97,7 +97,9 @@ pub struct VerdictOptions {
     /// Default 0.52 (30°): lumbar segments move by less than 20° in any direction
     /// (White & Panjabi 1990, table 2-6).
     pub max_neighbour_turn_rad: f64,
-    /// Largest distance of the landmark pair once the pose is applied, mm. Default 15.
+    /// Largest distance of the landmark pair once the pose is applied, mm. Default 15. A landmark farther off that lies so close to another
+    /// vertebra has a wrong name, if the levels are sure by `min_level_margin`: see
+    /// [`VertebraTransfer::notice`](crate::VertebraTransfer::notice).
     pub max_landmark_distance_mm: f64,
     /// Deepest bumps by which the shape may differ from the plan's beyond what noise does, mm.
     /// Default 0.2.
@@ -113,8 +115,8 @@ pub struct VerdictOptions {
     /// Largest depth of the bumps of all vertebrae together along the rays of a camera, mm, where noise leaves none. Default 0.14.
     pub max_pooled_misfit_of_camera_mm: f64,
     /// Largest change of the shape of all bones together that noise may feign, in standard deviations of its χ². Judged
-    /// from a noise of 1.25 mm on, where noise hides bumps. Not of
-    /// what a camera saw. Default 5: of 148 right spines at 2 mm the largest was 4.3, of 50 other patients' the least 9.
+    /// from a noise of 1.25 mm on, where noise hides bumps. Not of what a camera saw. Default 4.5: of 140 right spines at 2 mm the
+    /// largest was 2.9, of 70 other patients' the least 7.6.
     pub max_shape_excess: f64,
     /// Largest noise of what a camera saw, mm. Default 2.2: beyond that nothing was tried.
     pub max_noise_of_camera_mm: f64,

@@ -69,7 +69,8 @@ impl ChiSquared {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SpineChange {
     /// By how many of its standard deviations χ² is larger than where noise alone changes the shape: of all bones each by
-    /// itself, or of one change common to all, whichever is more.
+    /// itself, or of one change common to all, whichever is more; half of the latter, for points lie unevenly in the same way on
+    /// all bones.
     pub excess: f64,
     /// By how much the bones are larger along their own left, anterior and up axes: 0.02 is 2 %.
     pub larger: Vector3<f64>,
