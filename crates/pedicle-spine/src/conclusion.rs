@@ -16,7 +16,9 @@ use crate::shape_change::{ShapeChange, SpineChange};
 use crate::uncertainty::{uncertainty, worst_of_pose};
 use crate::verdict::rejections;
 use crate::verdict_noise::second_smallest;
-use crate::verdict_together::{behind_rejection, chain_rejections, pooled_rejection};
+use crate::verdict_together::{
+    behind_rejection, chain_rejections, pooled_rejection, shape_rejection,
+};
 use crate::{TrajectoryUncertainty, TransferredTrajectory, VerdictOptions, VertebraTransfer};
 
 /// All that the verdicts rest on.
@@ -58,6 +60,14 @@ impl Conclusion<'_> {
             .collect();
         let centroid = |v: usize| self.model.vertebrae[v].bone.centroid();
         for (v, vertebra) in vertebrae.iter_mut().enumerate() {
+            // A wrong name is one of a vertebra that is trusted itself.
+            let is_trusted = |u: usize| trusted[u].is_some();
+            if names.lies_on[v].is_some_and(|u| !is_trusted(u)) && is_trusted(v) {
+                vertebra.reasons.push(Rejection::FarFromLandmark {
+                    distance_mm: vertebra.landmark_distance_mm,
+                    max_mm: options.max_landmark_distance_mm,
+                });
+            }
             for u in [v.checked_sub(1), Some(v + 1)].into_iter().flatten() {
                 let (Some(own), Some(Some(other))) = (&trusted[v], trusted.get(u)) else {
                     continue;
@@ -73,7 +83,9 @@ impl Conclusion<'_> {
             }
         }
         let together = self.together(&vertebrae, options);
-        let shape = self.shape(&vertebrae, options);
+        let shape = self.shape(&vertebrae);
+        let differs = shape.and_then(|change| shape_rejection(&change, options));
+        let shows = shape.is_some_and(|change| change.shows >= options.min_shape_shown);
         let seen = self.fit.fits.iter().filter_map(|fit| fit.seen);
         let shares = seen.map(|seen| seen.behind_share).collect();
         let noise_mm = self.fit.sensor_noise_mm.unwrap_or(0.0);
@@ -83,10 +95,10 @@ impl Conclusion<'_> {
                 continue;
             }
             vertebra.reasons.extend(together.clone());
-            vertebra.reasons.extend(shape.clone());
+            vertebra.reasons.extend(differs.clone());
             vertebra.reasons.extend(behind.clone());
             let tells_shape = fit.shape.as_ref().is_some_and(ShapeChange::is_known);
-            if self.fit.needs_shape && !tells_shape {
+            if self.fit.needs_shape && !(tells_shape && shows) {
                 let n_points = vertebra.n_points;
                 vertebra.reasons.push(Rejection::ShapeUnknown { n_points });
             }
@@ -120,18 +132,13 @@ impl Conclusion<'_> {
         ShapeChange::of_spine(&all)
     }
 
-    /// Whether the vertebrae that are trusted otherwise, or would be if their poses were known better,
-    /// have the shape of the plan's where noise hides its bumps.
-    fn shape(&self, vertebrae: &[VertebraTransfer], options: &VerdictOptions) -> Option<Rejection> {
+    /// What the points of the vertebrae that are trusted otherwise, or would be if their poses were known better, say of the
+    /// plan's shape where noise hides its bumps.
+    fn shape(&self, vertebrae: &[VertebraTransfer]) -> Option<SpineChange> {
         let all: Vec<&ShapeChange> = witnesses(vertebrae)
             .filter_map(|v| self.fit.fits[v].shape.as_ref())
             .collect();
-        let change = ShapeChange::of_spine(&all)?;
-        let holds = change.excess <= options.max_shape_excess;
-        (!holds).then(|| Rejection::BonesDiffer {
-            excess: change.excess,
-            larger: change.larger.into(),
-        })
+        ShapeChange::of_spine(&all)
     }
 
     fn judged_alone(
@@ -164,7 +171,7 @@ impl Conclusion<'_> {
             hidden_share: fit.hidden_share,
             landmark_distance_mm: self.landmarks[v]
                 .map(|landmark| (pose * vertebra.landmark - landmark).norm()),
-            landmark_is_of_another: names.lies_on[v].is_some(),
+            landmark_is_of_another: names.may_be_wrong_names && names.lies_on[v].is_some(),
             misfit: fit.misfit,
             seen_through: fit.seen_through,
             sensor_noise_mm: self.fit.sensor_noise_mm,

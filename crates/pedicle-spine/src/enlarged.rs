@@ -4,7 +4,7 @@
 //! C' = C (1 + 0.12 σ)² g
 //! ```
 //!
-//! σ is the noise of the fit in mm, g what correlated residuals do to sums ([`crate::misfit`]).
+//! σ is the noise of the fit in mm, 0 of a fit that is not of the first order ([`crate::blurred_bone`]), g what correlated residuals do to sums ([`crate::misfit`]).
 
 use pedicle_registration::PoseCovariance;
 
@@ -44,7 +44,7 @@ pub(crate) fn enlarged(
     misfit: &Misfit,
 ) -> PoseCovariance {
     let factor = 1.0 + INFLATION_PER_MM * noise_mm;
-    // What noise does through the curvature is in the first factor already, but where a sensor is known it does more.
+    // What noise does through the curvature is in the first factor or in the covariance already, but where a sensor is known it does more.
     let (factor, grown) = match (sensor.picture, sensor.noise_mm) {
         (Some(_), _) => (factor, misfit.inflation(0.0)),
         (None, Some(sensor_mm)) => (

@@ -28,7 +28,7 @@ pub(crate) struct Evidence {
     pub(crate) alternative_margin: f64,
     /// None without a landmark.
     pub(crate) landmark_distance_mm: Option<f64>,
-    /// Whether its landmark lies where another vertebra has its own.
+    /// Whether its landmark lies where another vertebra has its own, and names may have changed places or moved on.
     pub(crate) landmark_is_of_another: bool,
     pub(crate) misfit: Misfit,
     /// Share of the bone that the camera saw through.

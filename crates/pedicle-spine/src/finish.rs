@@ -2,7 +2,9 @@
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::{Isometry3, Point3};
-use pedicle_registration::{PoseCovariance, RefineOptions, Refinement, refine_on_surface};
+use pedicle_registration::{
+    PoseCovariance, ReferenceSurface, RefineOptions, Refinement, refine_on_surface,
+};
 use rayon::prelude::*;
 
 use crate::SpineError;
@@ -40,6 +42,8 @@ const GATE_MM: (f64, f64) = (4.0, 10.0);
 /// the bone is then told apart.
 const KNOWN_GATE_IN_SIGMA: f64 = 4.5;
 const KNOWN_GATE_MM: (f64, f64) = (1.2, 10.0);
+/// Noise of the median bone by the closest places from which on shapes are asked for, mm: the density may tell a little more.
+const ASK_FOR_SHAPE_FROM_MM: f64 = 0.9 * SHAPE_FROM_MM;
 /// A loose piece belongs to one vertebra if this share of its points does.
 const PIECE_MAJORITY: f64 = 0.9;
 
@@ -234,8 +238,15 @@ pub(crate) fn finish(
         }
     }
 
-    let is_blurred = sensor.free_space.is_none() && median_noise(&refinements) >= BLURRED_FROM_MM;
-    let shapes = if is_blurred {
+    // Misfit and what is explained are judged by distances to the closest places, and by their noise.
+    let noise_mm = median_noise(&refinements);
+    let is_blurred = sensor.free_space.is_none() && noise_mm >= BLURRED_FROM_MM;
+    let asks_for_shape = noise_mm >= ASK_FOR_SHAPE_FROM_MM;
+    let closest_mm: Vec<f64> = refinements
+        .iter()
+        .map(|fit| fit.as_ref().map_or(noise_mm, |fit| fit.noise_mm))
+        .collect();
+    let likeliest = if is_blurred {
         vertebrae
             .par_iter()
             .zip(&mut refinements)
@@ -243,24 +254,23 @@ pub(crate) fn finish(
             .zip(&lists)
             .map(|(((vertebra, refinement), pose), own)| {
                 let points = select(&target.points.positions, own);
-                blur(vertebra, &points, refinement, pose)
+                blur(vertebra, &points, (refinement, pose), asks_for_shape)
             })
             .collect::<Result<Vec<_>, SpineError>>()?
     } else {
-        vertebrae.iter().map(|_| None).collect()
+        vertebrae.iter().map(|_| Likeliest::default()).collect()
     };
-    let noise_mm = median_noise(&refinements);
-    let needs_shape = is_blurred && noise_mm >= SHAPE_FROM_MM;
+    let told_noise_mm = median_noise(&refinements);
+    let needs_shape = is_blurred && told_noise_mm >= SHAPE_FROM_MM;
     let explained = Explained::count(&bones, &poses, &target.points, (noise_mm, sensor));
     let fits = vertebrae
         .par_iter()
         .zip(refinements)
-        .zip(shapes)
+        .zip(likeliest)
         .enumerate()
-        .map(|(v, ((vertebra, refinement), shape))| {
+        .map(|(v, ((vertebra, refinement), likeliest))| {
             let own = select(&target.points.positions, &lists[v]);
-            let fitted_mm = refinement.as_ref().map_or(noise_mm, |fit| fit.noise_mm);
-            let believable_mm = sensor.believable_mm(fitted_mm);
+            let believable_mm = sensor.believable_mm(closest_mm[v]);
             let misfit = match sensor.view_of(&target.points.positions) {
                 Some(view) => {
                     let sight = SeenBone::of(vertebra).before(view.camera_mm, &poses[v]);
@@ -275,11 +285,7 @@ pub(crate) fn finish(
                 .filter(|(_, back)| **back);
             let centroid = poses[v] * vertebra.bone.centroid();
             // The covariance of the density knows what noise does.
-            let first_order_mm = if is_blurred && own.len() <= MAX_POINTS {
-                0.0
-            } else {
-                noise_mm
-            };
+            let first_order_mm = if likeliest.is_pose { 0.0 } else { noise_mm };
             Ok(Fit {
                 target_from_source: poses[v],
                 covariance: refinement.as_ref().map(|fit| {
@@ -295,7 +301,7 @@ pub(crate) fn finish(
                 explained_share: explained.share_of(v),
                 hidden_share: explained.hidden_share(v),
                 misfit,
-                shape,
+                shape: likeliest.shape.filter(|_| needs_shape),
                 seen_through: sensor.free_space.map_or(0.0, |free_space| {
                     free_space
                         .contradiction(&vertebra.patches, &poses[v])
@@ -309,7 +315,7 @@ pub(crate) fn finish(
         .collect::<Result<Vec<Fit>, SpineError>>()?;
     Ok(SpineFit {
         fits,
-        noise_mm,
+        noise_mm: told_noise_mm,
         sensor_noise_mm: sensor.picture.map(|p| p.noise_mm).or(sensor.noise_mm),
         unexplained_share: explained.unexplained_share(),
         needs_shape,
@@ -321,34 +327,53 @@ pub(crate) fn select(points: &[Point3<f64>], chosen: &[u32]) -> Vec<Point3<f64>>
     chosen.iter().map(|&p| points[p as usize]).collect()
 }
 
+/// What the density of noisy points says.
+#[derive(Debug, Default)]
+struct Likeliest {
+    shape: Option<ShapeChange>,
+    /// Whether it has taken the place of the fit to the closest places.
+    is_pose: bool,
+}
+
 /// Puts the likeliest pose of noisy points in the place of the fit to the closest places, unless there are enough points for
-/// that; and what they say of the bone's shape.
+/// that, and their noise; and what they say of the bone's shape.
 fn blur(
     vertebra: &Vertebra,
     points: &[Point3<f64>],
-    refinement: &mut Option<Refinement>,
-    pose: &mut Isometry3<f64>,
-) -> Result<Option<ShapeChange>, SpineError> {
+    (refinement, pose): (&mut Option<Refinement>, &mut Isometry3<f64>),
+    asks_for_shape: bool,
+) -> Result<Likeliest, SpineError> {
     let Some(fit) = refinement.as_mut() else {
-        return Ok(None);
+        return Ok(Likeliest::default());
     };
     let stride = points.len().div_ceil(MAX_POINTS).max(1);
     let few: Vec<Point3<f64>> = points.iter().step_by(stride).copied().collect();
     let bone = BlurredBone::new(&vertebra.bone, vertebra.area_mm2, fit.noise_mm)?;
     let Some(likeliest) = bone.fit(pose, &few, fit.noise_mm) else {
         *refinement = None;
-        return Ok(None);
+        return Ok(Likeliest::default());
     };
-    let shape = (likeliest.blur.sigma_mm >= SHAPE_FROM_MM)
+    let shape = asks_for_shape
         .then(|| ShapeChange::new(&bone, &vertebra.frame, &likeliest, &few))
         .flatten();
-    if stride == 1 {
+    fit.noise_mm = likeliest.blur.sigma_mm;
+    let is_pose = stride == 1;
+    if is_pose {
         *pose = likeliest.target_from_source;
         fit.target_from_source = likeliest.target_from_source;
         fit.covariance = likeliest.covariance;
-        fit.noise_mm = likeliest.blur.sigma_mm;
+        fit.rmse_mm = rms_distance_mm(&vertebra.bone, pose, points);
     }
-    Ok(shape)
+    Ok(Likeliest { shape, is_pose })
+}
+
+/// Root mean square distance of points from a bone, mm.
+fn rms_distance_mm(bone: &BoneSurface, pose: &Isometry3<f64>, points: &[Point3<f64>]) -> f64 {
+    let inverse = pose.inverse();
+    let squares = points
+        .iter()
+        .map(|p| bone.closest(&(inverse * p)).distance_mm.powi(2));
+    (squares.sum::<f64>() / points.len() as f64).sqrt()
 }
 
 fn median_noise(refinements: &[Option<Refinement>]) -> f64 {

@@ -41,6 +41,8 @@ pub(crate) struct LandmarkEvidence {
     pub(crate) supports_levels: bool,
     /// For every vertebra whose landmark lies on another one: which.
     pub(crate) lies_on: Vec<Option<usize>>,
+    /// Whether they have all changed places among themselves, or all moved on by as many levels: then they may be wrong names.
+    pub(crate) may_be_wrong_names: bool,
 }
 
 /// Compares the names with the poses. Landmarks within `reach_mm` of a tip belong to it.
@@ -62,9 +64,17 @@ pub(crate) fn landmark_evidence(tips: &[Tip], reach_mm: f64) -> LandmarkEvidence
             let others = (0..n).filter(|&u| u != v && !agrees[v] && distance(v, u) <= reach_mm);
             others.min_by(|&a, &b| distance(v, a).total_cmp(&distance(v, b)))
         })
-        .collect();
+        .collect::<Vec<Option<usize>>>();
+    let elsewhere = || (0..n).filter_map(|v| Some((v, lies_on[v]?)));
+    let change_places = elsewhere().all(|(v, u)| lies_on[u] == Some(v));
+    let mut steps = elsewhere().map(|(v, u)| u as isize - v as isize);
+    let first = steps.next();
+    // Tips of neighbours may lie so close that a name that moved on seems to agree.
+    let move_on = elsewhere().count() >= MIN_AGREEING && steps.all(|step| Some(step) == first);
+    let supports_levels = n_agreeing >= MIN_AGREEING && n_agreeing > n_elsewhere;
     LandmarkEvidence {
-        supports_levels: n_agreeing >= MIN_AGREEING && n_agreeing > n_elsewhere,
+        supports_levels,
+        may_be_wrong_names: (change_places && supports_levels) || move_on,
         lies_on,
     }
 }
@@ -115,8 +125,14 @@ mod tests {
     fn a_landmark_lies_on_another_vertebra_or_on_none() {
         let swapped = judged([Some(0.1), Some(2.1), Some(0.9), Some(3.0), None]);
         assert_eq!(swapped.lies_on, vec![None, Some(2), Some(1), None, None]);
+        assert!(!swapped.may_be_wrong_names, "two names agree, two do not");
+        let swapped = judged([Some(0.1), Some(2.1), Some(0.9), Some(3.0), Some(4.0)]);
+        assert!(swapped.may_be_wrong_names);
+        let one_way = judged([Some(0.1), Some(2.1), Some(2.0), Some(3.0), Some(4.0)]);
+        assert!(!one_way.may_be_wrong_names, "two landmarks on one vertebra");
         let moved_on = judged([Some(1.0), Some(2.0), Some(3.0), Some(4.0), Some(5.0)]);
         assert!(!moved_on.supports_levels, "no name agrees");
+        assert!(moved_on.may_be_wrong_names);
         assert_eq!(
             moved_on.lies_on,
             vec![Some(1), Some(2), Some(3), Some(4), None],

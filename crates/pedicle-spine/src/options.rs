@@ -115,9 +115,12 @@ pub struct VerdictOptions {
     /// Largest depth of the bumps of all vertebrae together along the rays of a camera, mm, where noise leaves none. Default 0.14.
     pub max_pooled_misfit_of_camera_mm: f64,
     /// Largest change of the shape of all bones together that noise may feign, in standard deviations of its χ². Judged
-    /// from a noise of 1.25 mm on, where noise hides bumps. Not of what a camera saw. Default 4.5: of 140 right spines at 2 mm the
-    /// largest was 2.9, of 70 other patients' the least 7.6.
+    /// from a noise of 1.25 mm on, where noise hides bumps. Not of what a camera saw. Default 1.8: of 110 right spines at 2 mm two
+    /// had more, of 90 other patients' seen whole all had more than 5.
     pub max_shape_excess: f64,
+    /// The least that another person's bones must show on average ([`SpineChange::shows`](crate::SpineChange)). Default 8; targets
+    /// at 2 mm have 10 and more.
+    pub min_shape_shown: f64,
     /// Largest noise of what a camera saw, mm. Default 2.2: beyond that nothing was tried.
     pub max_noise_of_camera_mm: f64,
     /// Largest share of the bone towards the camera that it may have seen through. Default 0.02: right poses show less than 0.005.
@@ -254,7 +257,8 @@ impl Default for VerdictOptions {
             max_breach_probability: 0.001,
             misfit_in_sigma: 3.0,
             pooled_misfit_in_sigma: 3.0,
-            max_shape_excess: 4.5,
+            max_shape_excess: 1.8,
+            min_shape_shown: 8.0,
             max_noise_of_camera_mm: 2.2,
             max_seen_through: 0.02,
             max_hidden_share: 0.5,

@@ -47,6 +47,8 @@ pub(crate) struct Found {
     /// The share by which the target is explained worse once every vertebra takes the place of
     /// its neighbour, above or below, whichever is better.
     pub(crate) level_margin: f64,
+    /// The configurations at another level that it was held against.
+    pub(crate) other_levels: Vec<Configuration>,
     /// For each vertebra the best clearly different poses that lost, the best first.
     pub(crate) alternatives: Vec<Vec<(Origin, Isometry3<f64>)>>,
 }
@@ -149,9 +151,11 @@ impl<'a> Search<'a> {
         } else {
             &[]
         };
-        let (best, level_margin) = self.with_levels(configurations[0].clone(), finalists);
+        let (best, level_margin, other_levels) =
+            self.with_levels(configurations[0].clone(), finalists);
         Found {
             level_margin,
+            other_levels,
             ..self.mix(best, configurations)
         }
     }

@@ -29,7 +29,7 @@ impl Search<'_> {
         &self,
         given: Configuration,
         finalists: &[Configuration],
-    ) -> (Configuration, f64) {
+    ) -> (Configuration, f64, Vec<Configuration>) {
         let shifted = self.shifted(&given);
         // The landmarks may all be one level off.
         let all: Vec<(&Configuration, f64)> = std::iter::once(&given)
@@ -40,34 +40,37 @@ impl Search<'_> {
         let candidates = &all[..=shifted.len()];
         let Some(&(best, score)) = candidates.iter().rev().max_by(|a, b| a.1.total_cmp(&b.1))
         else {
-            return (given, 0.0);
+            return (given, 0.0, Vec::new());
         };
-        let rival = all
+        let best = best.clone();
+        let rivals: Vec<Configuration> = all
             .iter()
-            .filter(|(other, _)| self.is_other_level(other, best))
-            .fold(0.0, |most, &(_, s)| if s > most { s } else { most });
-        let margin = if score > 0.0 {
-            1.0 - rival / score
-        } else {
-            0.0
-        };
-        (best.clone(), margin)
+            .filter(|(other, _)| self.is_other_level(other, &best))
+            .map(|(other, _)| (*other).clone())
+            .collect();
+        let margin = self.margin_over(score, &rivals);
+        (best, margin, rivals)
     }
 
-    /// The share by which a configuration explains more than itself with all levels shifted by one.
-    pub(crate) fn level_margin(&self, configuration: &Configuration) -> f64 {
-        let score = self.in_one_run(configuration);
-        let rival = self
-            .shifted(configuration)
+    /// The share by which a configuration explains more than itself with all levels shifted by one and than those at another level
+    /// that the search met. None if there is nothing at another level to compare with.
+    pub(crate) fn level_margin(
+        &self,
+        configuration: &Configuration,
+        met: &[Configuration],
+    ) -> Option<f64> {
+        let mut rivals = self.shifted(configuration);
+        rivals.extend_from_slice(met);
+        rivals.retain(|other| self.is_other_level(other, configuration));
+        (!rivals.is_empty()).then(|| self.margin_over(self.in_one_run(configuration), &rivals))
+    }
+
+    fn margin_over(&self, score: f64, rivals: &[Configuration]) -> f64 {
+        let most = rivals
             .iter()
-            .filter(|other| self.is_other_level(other, configuration))
             .map(|other| self.in_one_run(other))
-            .fold(0.0, |most, s| if s > most { s } else { most });
-        if score > 0.0 {
-            1.0 - rival / score
-        } else {
-            0.0
-        }
+            .fold(0.0, |most, s| if s > most || s.is_nan() { s } else { most });
+        if score > 0.0 { 1.0 - most / score } else { 0.0 }
     }
 
     /// The score of the run of vertebrae that explains most.

@@ -82,6 +82,7 @@ impl Search<'_> {
             configuration: best,
             alternative_margins: margins,
             level_margin: 0.0,
+            other_levels: Vec::new(),
             alternatives,
         }
     }

@@ -90,20 +90,19 @@ pub struct VertebraTransfer {
     pub behind_share: Option<f64>,
     /// Where the pose came from.
     pub origin: Origin,
-    /// Covariance of the pose about the vertebra's centroid, made larger for what the first order
-    /// leaves out and where residuals are correlated; none without a fit.
+    /// Covariance of the pose about the vertebra's centroid, made larger where a first order leaves something out
+    /// and where residuals are correlated; none without a fit.
     pub covariance: Option<PoseCovariance>,
 }
 
 impl VertebraTransfer {
-    /// What a user must know of a vertebra that may well be accepted, as a sentence: that its landmark has the name of
-    /// another one, and the shape decided.
+    /// What a user must know of a vertebra whether it is accepted or not, as a sentence: that its landmark lies on another one.
     #[must_use]
     pub fn notice(&self) -> Option<String> {
         let other = self.landmark_lies_on?;
         let level = self.level;
         Some(format!(
-            "the landmark named {level} lies on {other} by the shape of the bones: check the names"
+            "the landmark named {level} lies on {other}: check the names"
         ))
     }
 }
@@ -240,16 +239,17 @@ pub fn transfer_with_progress(
         free_space,
         picture: prepared.picture.as_ref(),
     };
-    let mut found = match prepared.sensor_noise_mm {
+    let found = match prepared.sensor_noise_mm {
         Some(noise_mm) if free_space.is_some() => {
-            Rivals::new(&model.vertebrae, fine, &sensor, noise_mm).settled(found)
+            let rivals = Rivals::new(&model.vertebrae, fine, &sensor, noise_mm);
+            let mut found = rivals.settled(found);
+            // The margin was that of poses that may have changed since.
+            let margin = search.level_margin(&found.configuration, &found.other_levels);
+            found.level_margin = margin.unwrap_or(found.level_margin);
+            found
         }
         _ => found,
     };
-    // The margin is that of poses that have changed since.
-    if found.level_margin < options.verdict.min_level_margin {
-        found.level_margin = search.level_margin(&found.configuration);
-    }
     let fit = finish(&model.vertebrae, fine, &found.configuration.poses, &sensor)?;
     let conclusion = Conclusion {
         model,

@@ -162,8 +162,10 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
         },
     );
     // Two names that changed places, or moved on by a level: the shape is sure where it would be without any name.
-    let is_wrong_name =
-        evidence.landmark_is_of_another && evidence.level_margin >= options.min_level_margin;
+    // A camera sees too little for that.
+    let is_wrong_name = evidence.landmark_is_of_another
+        && !evidence.is_from_camera
+        && evidence.level_margin >= options.min_level_margin;
     if let Some(distance_mm) = evidence.landmark_distance_mm.filter(|_| !is_wrong_name) {
         demand(
             distance_mm <= options.max_landmark_distance_mm,
@@ -256,6 +258,15 @@ mod tests {
         assert_eq!(judged(0.1, true), 1, "other names support it, no more");
         assert_eq!(judged(f64::NAN, true), 2, "nothing is known");
         assert_eq!(judged(0.5, false), 1, "far from every vertebra");
+        let seen = Evidence {
+            is_from_camera: true,
+            bare_area_mm2: Some(1500.0),
+            landmark_distance_mm: Some(36.0),
+            landmark_is_of_another: true,
+            ..good()
+        };
+        let found = rejections(&seen, &VerdictOptions::default());
+        assert_eq!(found.len(), 1, "a camera sees too little: {found:?}");
     }
 
     #[test]

@@ -3,10 +3,10 @@
 use nalgebra::{Isometry3, Point3};
 use pedicle_trajectory::Level;
 
-use crate::VerdictOptions;
 use crate::misfit::{Misfit, PATCH_MM};
 use crate::rejection::Rejection;
 use crate::verdict_noise::median;
+use crate::{SpineChange, VerdictOptions};
 
 /// What the shapes of all vertebrae that are trusted otherwise say together: bumps that noise hides on
 /// one bone show on five.
@@ -28,6 +28,15 @@ pub(crate) fn pooled_rejection(
     (!holds).then(|| Rejection::SpineDiffers {
         misfit_mm: pooled.depth_mm(),
         patch_mm: PATCH_MM,
+    })
+}
+
+/// Whether the bones have the plan's shape where noise hides their bumps. A NaN never holds.
+pub(crate) fn shape_rejection(change: &SpineChange, options: &VerdictOptions) -> Option<Rejection> {
+    let holds = change.excess <= options.max_shape_excess;
+    (!holds).then(|| Rejection::BonesDiffer {
+        excess: change.excess,
+        larger: change.larger.into(),
     })
 }
 
@@ -156,6 +165,22 @@ mod tests {
         };
         assert!(pooled_rejection(&[bumpy; 5], true, &options).is_some());
         assert_eq!(pooled_rejection(&[bumpy; 5], false, &options), None);
+    }
+
+    #[test]
+    fn another_shape_is_said_and_so_is_a_nan() {
+        let options = VerdictOptions::default();
+        let judged = |excess| {
+            let change = SpineChange {
+                excess,
+                shows: 20.0,
+                larger: nalgebra::Vector3::new(0.03, 0.0, 0.01),
+            };
+            shape_rejection(&change, &options).map(|r| r.to_string())
+        };
+        assert_eq!(judged(0.9), None, "noise");
+        assert!(judged(6.0).is_some_and(|r| r.contains("right patient")));
+        assert!(judged(f64::NAN).is_some());
     }
 
     #[test]

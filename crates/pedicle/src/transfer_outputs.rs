@@ -64,6 +64,9 @@ pub struct TransformEntry {
     pub level: Level,
     /// Whether the method vouches for it.
     pub accepted: bool,
+    /// What a user must know of it all the same: a landmark that has the name of another level; null if there is nothing.
+    #[serde(default)]
+    pub notice: Option<String>,
     /// 4 × 4 homogeneous matrix, row-major, mm, in the coordinates of source and target.
     pub target_from_source: [[f64; 4]; 4],
 }
@@ -90,6 +93,7 @@ pub fn write_transforms(folder: &Path, transfer: &Transfer, spaces: Spaces) -> R
         vertebrae.push(TransformEntry {
             level: v.level,
             accepted: v.accepted,
+            notice: v.notice(),
             target_from_source: std::array::from_fn(|i| std::array::from_fn(|j| matrix[(i, j)])),
         });
     }

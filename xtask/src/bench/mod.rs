@@ -192,7 +192,7 @@ impl Arguments {
             }
             if *suite == Suite::Paper {
                 held &= self.judge(&outcome.name, &cells)?;
-            } else if !self.update_gates {
+            } else if !self.update_gates && self.camera_noise == CameraNoiseChoice::Grazing {
                 let file = self.gate_file();
                 let missed = Gates::read(&file)?.missed_of_suite(&suite.to_string(), &cells);
                 for sentence in &missed {
@@ -338,6 +338,10 @@ impl Arguments {
         if let Some(n) = self.subjects {
             outcome.name = format!("{n} subjects");
             outcome.case = None;
+        }
+        // Figures and gates are those of the suite's own law.
+        if self.camera_noise != CameraNoiseChoice::Grazing {
+            outcome.name = format!("{}, camera noise {}", outcome.name, self.camera_noise.law());
         }
         Ok(outcome)
     }
