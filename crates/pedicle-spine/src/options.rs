@@ -115,8 +115,8 @@ pub struct VerdictOptions {
     /// Largest depth of the bumps of all vertebrae together along the rays of a camera, mm, where noise leaves none. Default 0.14.
     pub max_pooled_misfit_of_camera_mm: f64,
     /// Largest change of the shape of all bones together that noise may feign, in standard deviations of its χ². Judged
-    /// from a noise of 1.25 mm on, where noise hides bumps. Not of what a camera saw. Default 1.8: of 110 right spines at 2 mm two
-    /// had more, of 90 other patients' seen whole all had more than 5.
+    /// from a noise of 1.25 mm on, where noise hides bumps. Not of what a camera saw. Default 1.8: of 100 right spines at 2 mm two
+    /// had more, of 80 other patients' seen whole all had more than 5.
     pub max_shape_excess: f64,
     /// The least that another person's bones must show on average ([`SpineChange::shows`](crate::SpineChange)). Default 8; targets
     /// at 2 mm have 10 and more.

@@ -7,8 +7,8 @@
 //!
 //! √(2 ⟨χ²⟩) is the standard deviation of χ² where the points fix all of e, and more than it elsewhere.
 //!
-//! p is the density of noisy points of the bone ([`crate::blurred_bone`]), e the 24 numbers of a smooth deformation along the axes
-//! of the vertebra: stretch and shear, and all quadratic fields. G and g are information and score of e once pose and σ are taken
+//! p is the density of noisy points of the bone ([`crate::blurred_bone`]), e the 54 numbers of a smooth deformation along the axes
+//! of the vertebra: stretch and shear, and all quadratic and cubic fields. G and g are information and score of e once pose and σ are taken
 //! out, R⁻¹ the variance that a deformation may have: the score test of Rao 1948, which needs no fit of the deformation. The
 //! information is that of points drawn from p.
 //!
@@ -25,10 +25,10 @@ use crate::blurred_bone::{Blur, BlurredBone, BlurredFit, N_FREE, derivative};
 
 /// From this noise on the bones' shape is judged, mm: it hides what tells one person's bones from another's.
 pub(crate) const SHAPE_FROM_MM: f64 = 1.25;
-/// Numbers of a deformation: 6 of stretch and shear, 18 of quadratic fields.
+/// Numbers of a deformation: of stretch and shear, of quadratic, and of cubic fields.
 const N_MODES: usize = 6 + 18 + 30;
 const N: usize = N_FREE + N_MODES;
-/// Length by which places are divided: all unknowns are lengths then, mm.
+/// Length by which places are divided: all numbers of a deformation are lengths then, mm.
 const LEVER_MM: f64 = 25.0;
 /// Prior deviation of every number of a deformation, mm.
 const PRIOR_MM: f64 = 1.5;
