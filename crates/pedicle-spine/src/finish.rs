@@ -2,19 +2,18 @@
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::{Isometry3, Point3};
-use pedicle_registration::{
-    PoseCovariance, ReferenceSurface, RefineOptions, Refinement, refine_on_surface,
-};
+use pedicle_registration::{PoseCovariance, RefineOptions, Refinement, refine_on_surface};
 use rayon::prelude::*;
 
 use crate::SpineError;
 use crate::along_rays::{CameraView, SeenFromCamera, along_rays};
 use crate::bare_bone::BareBone;
-use crate::blurred_bone::{BLURRED_FROM_MM, BlurredBone, MAX_POINTS};
+use crate::blurred_bone::BLURRED_FROM_MM;
 use crate::bone::BoneSurface;
 use crate::enlarged::enlarged;
 use crate::explained::Explained;
 use crate::free_space::FreeSpace;
+use crate::likeliest::{Likeliest, likeliest_pose};
 use crate::local_shape::Local;
 use crate::misfit::{Misfit, misfit, misfit_along_rays};
 use crate::model::Vertebra;
@@ -254,7 +253,7 @@ pub(crate) fn finish(
             .zip(&lists)
             .map(|(((vertebra, refinement), pose), own)| {
                 let points = select(&target.points.positions, own);
-                blur(vertebra, &points, (refinement, pose), asks_for_shape)
+                likeliest_pose(vertebra, &points, (refinement, pose), asks_for_shape)
             })
             .collect::<Result<Vec<_>, SpineError>>()?
     } else {
@@ -325,55 +324,6 @@ pub(crate) fn finish(
 
 pub(crate) fn select(points: &[Point3<f64>], chosen: &[u32]) -> Vec<Point3<f64>> {
     chosen.iter().map(|&p| points[p as usize]).collect()
-}
-
-/// What the density of noisy points says.
-#[derive(Debug, Default)]
-struct Likeliest {
-    shape: Option<ShapeChange>,
-    /// Whether it has taken the place of the fit to the closest places.
-    is_pose: bool,
-}
-
-/// Puts the likeliest pose of noisy points in the place of the fit to the closest places, unless there are enough points for
-/// that, and their noise; and what they say of the bone's shape.
-fn blur(
-    vertebra: &Vertebra,
-    points: &[Point3<f64>],
-    (refinement, pose): (&mut Option<Refinement>, &mut Isometry3<f64>),
-    asks_for_shape: bool,
-) -> Result<Likeliest, SpineError> {
-    let Some(fit) = refinement.as_mut() else {
-        return Ok(Likeliest::default());
-    };
-    let stride = points.len().div_ceil(MAX_POINTS).max(1);
-    let few: Vec<Point3<f64>> = points.iter().step_by(stride).copied().collect();
-    let bone = BlurredBone::new(&vertebra.bone, vertebra.area_mm2, fit.noise_mm)?;
-    let Some(likeliest) = bone.fit(pose, &few, fit.noise_mm) else {
-        *refinement = None;
-        return Ok(Likeliest::default());
-    };
-    let shape = asks_for_shape
-        .then(|| ShapeChange::new(&bone, &vertebra.frame, &likeliest, &few))
-        .flatten();
-    fit.noise_mm = likeliest.blur.sigma_mm;
-    let is_pose = stride == 1;
-    if is_pose {
-        *pose = likeliest.target_from_source;
-        fit.target_from_source = likeliest.target_from_source;
-        fit.covariance = likeliest.covariance;
-        fit.rmse_mm = rms_distance_mm(&vertebra.bone, pose, points);
-    }
-    Ok(Likeliest { shape, is_pose })
-}
-
-/// Root mean square distance of points from a bone, mm.
-fn rms_distance_mm(bone: &BoneSurface, pose: &Isometry3<f64>, points: &[Point3<f64>]) -> f64 {
-    let inverse = pose.inverse();
-    let squares = points
-        .iter()
-        .map(|p| bone.closest(&(inverse * p)).distance_mm.powi(2));
-    (squares.sum::<f64>() / points.len() as f64).sqrt()
 }
 
 fn median_noise(refinements: &[Option<Refinement>]) -> f64 {

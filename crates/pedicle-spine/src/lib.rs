@@ -62,6 +62,7 @@ mod free_space;
 mod hypotheses;
 mod image_shape;
 mod landmark_evidence;
+mod likeliest;
 mod local_shape;
 mod map;
 mod map_shape;
