@@ -40,6 +40,7 @@ const REACH_IN_SIGMA: f64 = 3.5;
 const REGION_MM: f64 = 25.0;
 /// A weight is worth so many points before any is seen.
 const PRIOR_POINTS: f64 = 2.0;
+/// Steps at most; after the first ones they are halved.
 const MAX_STEPS: usize = 50;
 const FULL_STEPS: usize = 8;
 /// Settled where a step is shorter than this, as the root mean square over the unknowns in standard deviations, and no weight changes by
