@@ -13,12 +13,16 @@ use crate::{MeshingOptions, PhantomParameters, SimulationError, SpineCase};
 
 /// Diameter of the planned screws where the pedicle is wide enough, mm (5 to 6 as published).
 const LARGEST_SCREW_MM: f64 = 6.0;
-/// Diameter below which no screw is planned, mm: the smallest usual lumbar screw.
+/// The smallest usual lumbar screw, mm; what is thinner is a guide wire or a pilot drill.
 const SMALLEST_SCREW_MM: f64 = 4.0;
-/// Screws come in steps of this diameter, mm.
+/// The thinnest guide wire, mm.
+const THINNEST_WIRE_MM: f64 = 2.0;
+/// Screws and wires come in steps of this diameter, mm.
 const SCREW_STEP_MM: f64 = 0.5;
 /// Bone to keep between the screw and the cortex at the isthmus, mm.
 const ISTHMUS_CLEARANCE_MM: f64 = 1.8;
+/// The same of the smallest screw and of wires: the least of usual planning limits, and of `pedicle plan`, mm.
+const LEAST_CLEARANCE_MM: f64 = 1.0;
 /// Length of the planned screws, mm.
 const SCREW_LENGTH_MM: f64 = 45.0;
 /// Bone to keep in front of the tip, measured along the axis, mm.
@@ -163,13 +167,21 @@ fn pedicle_truth(
 }
 
 impl PedicleTruth {
-    /// The largest usual screw that leaves 1.8 mm of bone at the isthmus: 6 mm at most, 4 mm at
-    /// least, in steps of 0.5 mm.
+    /// The largest usual screw that leaves 1.8 mm of bone at the isthmus, 6 mm at most; where that is less than 4 mm, the
+    /// thickest that leaves 1 mm: a screw of 4 mm, or a guide wire, as `pedicle plan` has it. In steps of 0.5 mm.
     #[must_use]
     pub fn screw_diameter_mm(&self) -> f64 {
-        let room = self.width_mm.min(self.height_mm) - 2.0 * ISTHMUS_CLEARANCE_MM;
-        let stepped = (room / SCREW_STEP_MM + 1e-9).floor() * SCREW_STEP_MM;
-        stepped.clamp(SMALLEST_SCREW_MM, LARGEST_SCREW_MM)
+        let narrowest_mm = self.width_mm.min(self.height_mm);
+        let leaving = |clearance_mm: f64| {
+            let room_mm = narrowest_mm - 2.0 * clearance_mm;
+            (room_mm / SCREW_STEP_MM + 1e-9).floor() * SCREW_STEP_MM
+        };
+        let usual = leaving(ISTHMUS_CLEARANCE_MM);
+        if usual < SMALLEST_SCREW_MM {
+            leaving(LEAST_CLEARANCE_MM).clamp(THINNEST_WIRE_MM, SMALLEST_SCREW_MM)
+        } else {
+            usual.min(LARGEST_SCREW_MM)
+        }
     }
 
     /// Depth of the isthmus below the entry along the axis, mm.
@@ -192,7 +204,7 @@ impl PedicleTruth {
 }
 
 impl Phantom {
-    /// Two screws a vertebra along the true axes, from the top down, left before right.
+    /// Two screws a vertebra, or wires where none fits, along the true axes, from the top down, left before right.
     #[must_use]
     pub fn plan(&self) -> Plan {
         Plan {

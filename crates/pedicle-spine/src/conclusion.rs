@@ -171,7 +171,8 @@ impl Conclusion<'_> {
             hidden_share: fit.hidden_share,
             landmark_distance_mm: self.landmarks[v]
                 .map(|landmark| (pose * vertebra.landmark - landmark).norm()),
-            landmark_is_of_another: names.may_be_wrong_names && names.lies_on[v].is_some(),
+            landmark_is_of_another: (names.may_be_wrong_names && names.lies_on[v].is_some())
+                || names.lies_beyond[v],
             misfit: fit.misfit,
             seen_through: fit.seen_through,
             sensor_noise_mm: self.fit.sensor_noise_mm,
@@ -193,6 +194,7 @@ impl Conclusion<'_> {
             alternative_margin: evidence.alternative_margin,
             landmark_distance_mm: evidence.landmark_distance_mm.unwrap_or(f64::NAN),
             landmark_lies_on: names.lies_on[v].map(|u| self.model.vertebrae[u].level),
+            landmark_lies_beyond: names.lies_beyond[v],
             misfit_mm: fit.misfit.depth_mm(),
             seen_through: fit.seen_through,
             hidden_share: fit.hidden_share,

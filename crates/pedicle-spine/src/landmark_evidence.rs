@@ -13,6 +13,7 @@ use nalgebra::{Isometry3, Point3};
 
 /// Agreeing landmarks that support the levels.
 const MIN_AGREEING: usize = 3;
+
 /// What is known of one vertebra.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Tip {
@@ -41,6 +42,8 @@ pub(crate) struct LandmarkEvidence {
     pub(crate) supports_levels: bool,
     /// For every vertebra whose landmark lies on another one: which.
     pub(crate) lies_on: Vec<Option<usize>>,
+    /// The vertebrae at an end whose landmark lies where the next one beyond would have it, while all other names moved on that way.
+    pub(crate) lies_beyond: Vec<bool>,
     /// Whether they have all changed places among themselves, or all moved on by as many levels: then they may be wrong names.
     pub(crate) may_be_wrong_names: bool,
 }
@@ -71,11 +74,25 @@ pub(crate) fn landmark_evidence(tips: &[Tip], reach_mm: f64) -> LandmarkEvidence
     let first = steps.next();
     // Tips of neighbours may lie so close that a name that moved on seems to agree.
     let move_on = elsewhere().count() >= MIN_AGREEING && steps.all(|step| Some(step) == first);
+    let lies_beyond = (0..n)
+        .map(|v| {
+            let step = first.filter(|step| move_on && step.abs() == 1);
+            let beyond = step.and_then(|step| {
+                let behind = tips.get(v.checked_add_signed(-step)?)?.carried?;
+                let is_end = v.checked_add_signed(step).is_none_or(|next| next >= n);
+                let own = tips[v].carried?;
+                is_end.then(|| own + (own - behind))
+            });
+            let near = |p: Point3<f64>| (tips[v].landmark? - p).norm().le(&reach_mm).then_some(());
+            !agrees[v] && beyond.and_then(near).is_some()
+        })
+        .collect();
     let supports_levels = n_agreeing >= MIN_AGREEING && n_agreeing > n_elsewhere;
     LandmarkEvidence {
         supports_levels,
         may_be_wrong_names: (change_places && supports_levels) || move_on,
         lies_on,
+        lies_beyond,
     }
 }
 
@@ -138,6 +155,13 @@ mod tests {
             vec![Some(1), Some(2), Some(3), Some(4), None],
             "where the last one lies, there is no vertebra"
         );
+        assert_eq!(moved_on.lies_beyond, vec![false, false, false, false, true]);
+        let up = judged([Some(-1.0), Some(0.0), Some(1.0), Some(2.0), Some(3.0)]);
+        assert_eq!(up.lies_beyond, vec![true, false, false, false, false]);
+        let astray = judged([Some(1.0), Some(2.0), Some(3.0), Some(4.0), Some(6.0)]);
+        assert_eq!(astray.lies_beyond, vec![false; 5], "two levels beyond");
+        let alone = judged([Some(0.0), Some(1.0), Some(2.0), Some(3.0), Some(5.0)]);
+        assert_eq!(alone.lies_beyond, vec![false; 5], "the others did not move");
         let between = judged([Some(0.5), Some(1.0), Some(2.0), Some(3.0), Some(4.0)]);
         assert_eq!(between.lies_on, vec![None; 5], "half a level off");
     }

@@ -48,6 +48,7 @@
 mod along_rays;
 mod bare_bone;
 mod blurred_bone;
+mod blurred_fit;
 mod bone;
 mod cell_grid;
 mod chain;

@@ -1,33 +1,36 @@
 //! Whether the bones of the target have the shape of the plan's where noise hides every bump.
 //!
 //! ```text
-//! g_i = ∂ log p(x_i) / ∂(T, σ, e),   s_j → s_j + Σ_k e_k f_k(s_j)
+//! g_i = ∂ log p(x_i) / ∂(T, σ, w, e),   s_j → s_j + Σ_k e_k f_k(s_j)
 //! χ² = gᵀ (G + R)⁻¹ g,   ⟨χ²⟩ = tr (G + R)⁻¹ G,   excess = (χ² - ⟨χ²⟩) / √(2 ⟨χ²⟩)
 //! ```
 //!
 //! √(2 ⟨χ²⟩) is the standard deviation of χ² where the points fix all of e, and more than it elsewhere.
 //!
 //! p is the density of noisy points of the bone ([`crate::blurred_bone`]), e the 54 numbers of a smooth deformation along the axes
-//! of the vertebra: stretch and shear, and all quadratic and cubic fields. G and g are information and score of e once pose and σ are taken
-//! out, R⁻¹ the variance that a deformation may have: the score test of Rao 1948, which needs no fit of the deformation. The
+//! of the vertebra: stretch and shear, and all quadratic and cubic fields. G and g are information and score of e once pose, σ and the
+//! weights of the regions are taken out, R⁻¹ the variance that a deformation may have: the score test of Rao 1948, which needs no fit of the deformation. The
 //! information is that of points drawn from p.
 //!
 //! χ² is judged twice: of every bone by itself, summed, and of one deformation common to all bones, for a person who is
 //! larger is so at every level.
 
-use nalgebra::{Matrix3, Point3, SMatrix, SVector, Vector3};
+use nalgebra::{DMatrix, DVector, Point3, SMatrix, SVector, Vector3};
 use pedicle_trajectory::AnatomicalFrame;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use crate::blurred_bone::{Blur, BlurredBone, BlurredFit, N_FREE, derivative};
+use crate::blurred_bone::{Blur, BlurredBone, N_FREE, RIDGE_POINTS};
+use crate::blurred_fit::BlurredFit;
 
 /// From this noise on the bones' shape is judged, mm: it hides what tells one person's bones from another's.
 pub(crate) const SHAPE_FROM_MM: f64 = 1.25;
 /// Numbers of a deformation: of stretch and shear, of quadratic, and of cubic fields.
-const N_MODES: usize = 6 + 18 + 30;
-const N: usize = N_FREE + N_MODES;
+const N_LINEAR: usize = 6;
+const N_MODES: usize = N_LINEAR + 18 + 30;
+/// Linear, quadratic and cubic monomials of a place.
+const N_FIELDS: usize = 3 + 6 + 10;
 /// Length by which places are divided: all numbers of a deformation are lengths then, mm.
 const LEVER_MM: f64 = 25.0;
 /// Prior deviation of every number of a deformation, mm.
@@ -37,7 +40,7 @@ const PRIOR_MM: f64 = 1.5;
 const COMMON_DEVIATIONS: f64 = 2.0;
 /// Largest ratio of the points' information to that of points drawn; it is 1 to 1.3.
 const MAX_SCALE: f64 = 2.0;
-/// How much every number of the change is of another person who is much alike, mm.
+/// How much every number of stretch and shear is of another person who is much alike, mm: 2 %.
 const OTHER_MM: f64 = 0.5;
 /// Points drawn for the information, the same for every bone and target.
 const N_DRAWN: usize = 3000;
@@ -60,7 +63,7 @@ pub(crate) struct ShapeChange {
 pub(crate) struct ChiSquared {
     value: f64,
     expected: f64,
-    /// What a change of [`OTHER_MM`] in every number adds on average.
+    /// What a stretch and shear of [`OTHER_MM`] in every number adds on average.
     by_other: f64,
 }
 
@@ -76,9 +79,9 @@ impl ChiSquared {
 pub struct SpineChange {
     /// By how many of its standard deviations χ² is larger than where noise alone changes the shape: of all bones each by
     /// itself, or of one change common to all, whichever is more; half of the latter, for points lie unevenly in the same way on
-    /// all bones.
+    /// all bones, and the weights of regions do not take all of that out.
     pub excess: f64,
-    /// The excess that another person's bones would have on average, if every number of the change were 0.5 mm.
+    /// The excess that the bones of another person who is much alike would have on average: of a stretch and shear of 2 %.
     pub shows: f64,
     /// By how much the bones are larger along their own left, anterior and up axes: 0.02 is 2 %.
     pub larger: Vector3<f64>,
@@ -97,26 +100,22 @@ impl ShapeChange {
         let mut rng = ChaCha8Rng::seed_from_u64(SEED);
         let noise = || Vector3::from_fn(|_, _| StandardNormal.sample(&mut rng));
         let drawn = blurred.drawn(&fit.blur, N_DRAWN, noise);
-
-        let (mut information, mut score) = (SMatrix::<f64, N, N>::zeros(), SVector::zeros());
-        let mut n_drawn = 0.0;
-        for_each_row(blurred, frame, &fit.blur, &drawn, |row| {
-            information.ger(1.0, row, row, 1.0);
-            n_drawn += 1.0;
-        });
-        let mut n = 0;
-        let mut seen = SMatrix::<f64, N, N>::zeros();
-        for_each_row(blurred, frame, &fit.blur, &local, |row| {
-            score += row;
-            seen.ger(1.0, row, row, 1.0);
-            n += 1;
-        });
-        if n < MIN_POINTS {
+        let of_drawn = rows(blurred, frame, &fit.blur, drawn);
+        let of_points = rows(blurred, frame, &fit.blur, local);
+        let (n, n_drawn) = (of_points.nrows(), of_drawn.nrows());
+        if n < MIN_POINTS || n_drawn == 0 {
             return None;
         }
-        information *= n as f64 / n_drawn;
+        let mut ridge = DVector::zeros(of_points.ncols());
+        ridge
+            .rows_mut(N_FREE, blurred.n_regions())
+            .fill(RIDGE_POINTS);
+        let ridge = DMatrix::from_diagonal(&ridge);
+        let mut information = of_drawn.tr_mul(&of_drawn) * (n as f64 / n_drawn as f64) + &ridge;
+        let mut score: DVector<f64> = of_points.row_sum().transpose();
         // Points that lie more densely where they tell more say more than those drawn.
-        let scale = information.cholesky()?.solve(&seen).trace() / N as f64;
+        let seen = of_points.tr_mul(&of_points) + ridge;
+        let scale = information.clone().cholesky()?.solve(&seen).trace() / score.len() as f64;
         // A density that explains the points this badly tells nothing. A NaN does not either.
         if !(0.0..=MAX_SCALE).contains(&scale) {
             return None;
@@ -125,19 +124,20 @@ impl ShapeChange {
         information /= scale;
         score /= scale;
 
-        let free = information.fixed_view::<N_FREE, N_FREE>(0, 0).into_owned();
+        let n_free = score.len() - N_MODES;
+        let free = information.view((0, 0), (n_free, n_free)).into_owned();
         let across = information
-            .fixed_view::<N_FREE, N_MODES>(0, N_FREE)
+            .view((0, n_free), (n_free, N_MODES))
             .into_owned();
         let modes = information
-            .fixed_view::<N_MODES, N_MODES>(N_FREE, N_FREE)
+            .fixed_view::<N_MODES, N_MODES>(n_free, n_free)
             .into_owned();
-        let score_free = score.fixed_rows::<N_FREE>(0).into_owned();
         let cholesky = free.cholesky()?;
+        let taken_out = across.tr_mul(&cholesky.solve(&across));
+        let of_free = across.tr_mul(&cholesky.solve(&score.rows(0, n_free)));
         Some(Self {
-            information: modes - across.transpose() * cholesky.solve(&across),
-            score: score.fixed_rows::<N_MODES>(N_FREE)
-                - across.transpose() * cholesky.solve(&score_free),
+            information: modes - taken_out.fixed_view::<N_MODES, N_MODES>(0, 0),
+            score: score.fixed_rows::<N_MODES>(n_free) - of_free.fixed_rows::<N_MODES>(0),
         })
     }
 
@@ -146,12 +146,11 @@ impl ShapeChange {
         let prior = Information::identity() / (PRIOR_MM * PRIOR_MM);
         let cholesky = (self.information + prior).cholesky()?;
         let change = cholesky.solve(&self.score);
+        let added = self.information * cholesky.solve(&self.information);
         let chi = ChiSquared {
             value: self.score.dot(&change),
             expected: cholesky.solve(&self.information).trace(),
-            by_other: OTHER_MM
-                * OTHER_MM
-                * (cholesky.solve(&self.information) * self.information).trace(),
+            by_other: OTHER_MM * OTHER_MM * added.view((0, 0), (N_LINEAR, N_LINEAR)).trace(),
         };
         Some((change, chi))
     }
@@ -195,77 +194,78 @@ impl ShapeChange {
     }
 }
 
-/// Derivatives of every point's log density by the change of pose, σ and the deformation, in the source frame.
-fn for_each_row(
+/// A row a point that lies near a place: the derivatives of its log density by the change of pose, σ, the weights of the regions
+/// and the deformation, in the source frame.
+fn rows(
     blurred: &BlurredBone,
     frame: &AnatomicalFrame,
     blur: &Blur,
-    points: &[Point3<f64>],
-    mut with: impl FnMut(&SVector<f64, N>),
-) {
-    let axes = [frame.left, frame.anterior, frame.up];
-    let pairs = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
+    points: Vec<Point3<f64>>,
+) -> DMatrix<f64> {
+    let expected = blurred.expected(blur);
+    let n_columns = N_FREE + expected.len() + N_MODES;
     let variance = blur.sigma_mm * blur.sigma_mm;
-    let mut shown = Vec::new();
-    for x in points {
-        blurred.shown_by(x, blur, &mut shown);
-        if shown.is_empty() {
-            continue;
-        }
-        let (pull_mm, square_mm2) = blurred.pull(x, &shown);
-        let arm = x - blurred.center();
-        let free = derivative(&pull_mm, square_mm2, &arm, blur.sigma_mm);
+    let fields: Vec<[f64; N_FIELDS]> = blurred
+        .places
+        .iter()
+        .map(|place| monomials(&lever(blurred, frame, place)))
+        .collect();
+    let mut all = Vec::with_capacity(points.len() * n_columns);
+    let n_rows = blurred.each_said(points, blur, |said| {
+        let start = all.len();
+        all.extend(said.free.iter());
+        all.extend(expected.iter().map(|e| -e));
+        blurred.add_regions(said.shown, &mut all[start + N_FREE..]);
         // Moving a place by a field moves the density with it: the noise (x - s) / σ² along the field.
-        let mut linear = Matrix3::zeros();
-        let mut quadratic = SMatrix::<f64, 3, 6>::zeros();
-        let mut cubic = SMatrix::<f64, 3, 10>::zeros();
-        for &(j, r) in &shown {
-            let place = blurred.places[j as usize];
-            let lever = (place - blurred.center()) / LEVER_MM;
-            let u = axes.map(|f| f.dot(&lever));
-            let away = (x - place) * (r / variance);
-            let e = axes.map(|f| f.dot(&away));
-            for (i, e) in e.into_iter().enumerate() {
-                for (k, u) in u.into_iter().enumerate() {
-                    linear[(i, k)] += e * u;
-                }
-                for (k, (a, b)) in pairs.into_iter().enumerate() {
-                    quadratic[(i, k)] += e * u[a] * u[b];
-                }
-                for (k, (a, b, c)) in [
-                    (0, 0, 0),
-                    (0, 0, 1),
-                    (0, 0, 2),
-                    (0, 1, 1),
-                    (0, 1, 2),
-                    (0, 2, 2),
-                    (1, 1, 1),
-                    (1, 1, 2),
-                    (1, 2, 2),
-                    (2, 2, 2),
-                ]
-                .into_iter()
-                .enumerate()
-                {
-                    cubic[(i, k)] += e * u[a] * u[b] * u[c];
+        let mut by_field = SMatrix::<f64, 3, N_FIELDS>::zeros();
+        for &(j, r) in said.shown {
+            let away = (said.point - blurred.places[j as usize]) * (r / variance);
+            let along = [frame.left, frame.anterior, frame.up].map(|axis| axis.dot(&away));
+            for (column, field) in fields[j as usize].iter().enumerate() {
+                for (i, along) in along.into_iter().enumerate() {
+                    by_field[(i, column)] += along * field;
                 }
             }
         }
-        let stretch = (0..3).map(|k| linear[(k, k)]);
-        let shear = [(0, 1), (0, 2), (1, 2)].map(|(i, j)| linear[(i, j)] + linear[(j, i)]);
-        let all = free
-            .iter()
-            .copied()
-            .chain(stretch)
-            .chain(shear)
-            .chain(quadratic.iter().copied())
-            .chain(cubic.iter().copied());
-        let mut row = SVector::<f64, N>::zeros();
-        for (entry, value) in row.iter_mut().zip(all) {
-            *entry = value;
-        }
-        with(&row);
-    }
+        // Of the linear fields what turns is part of the pose.
+        all.extend((0..3).map(|k| by_field[(k, k)]));
+        let shears = [(0, 1), (0, 2), (1, 2)];
+        all.extend(shears.map(|(i, k)| by_field[(i, k)] + by_field[(k, i)]));
+        all.extend(by_field.columns(3, N_FIELDS - 3).iter());
+    });
+    DMatrix::from_row_slice(n_rows, n_columns, &all)
+}
+
+/// A place from the centre of the bone along the axes of the vertebra, in levers.
+fn lever(blurred: &BlurredBone, frame: &AnatomicalFrame, place: &Point3<f64>) -> [f64; 3] {
+    let from_center = (place - blurred.center) / LEVER_MM;
+    [frame.left, frame.anterior, frame.up].map(|axis| axis.dot(&from_center))
+}
+
+/// All products of one, two and three coordinates.
+fn monomials(u: &[f64; 3]) -> [f64; N_FIELDS] {
+    let [x, y, z] = *u;
+    [
+        x,
+        y,
+        z,
+        x * x,
+        x * y,
+        x * z,
+        y * y,
+        y * z,
+        z * z,
+        x * x * x,
+        x * x * y,
+        x * x * z,
+        x * y * y,
+        x * y * z,
+        x * z * z,
+        y * y * y,
+        y * y * z,
+        y * z * z,
+        z * z * z,
+    ]
 }
 
 #[cfg(test)]

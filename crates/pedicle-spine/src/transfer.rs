@@ -78,6 +78,9 @@ pub struct VertebraTransfer {
     pub landmark_distance_mm: f64,
     /// The vertebra that its landmark lies on, if that is another one: see [`VertebraTransfer::notice`].
     pub landmark_lies_on: Option<Level>,
+    /// Whether its landmark lies about where the next vertebra beyond the end of the plan has its own, while the other names have
+    /// moved on the same way.
+    pub landmark_lies_beyond: bool,
     /// Depth of the bumps by which the shape seen differs from the plan's, mm; NaN without points.
     pub misfit_mm: f64,
     /// Share of the bone's surface towards the camera that it saw through; 0 without a camera.
@@ -99,10 +102,16 @@ impl VertebraTransfer {
     /// What a user must know of a vertebra whether it is accepted or not, as a sentence: that its landmark lies on another one.
     #[must_use]
     pub fn notice(&self) -> Option<String> {
-        let other = self.landmark_lies_on?;
         let level = self.level;
+        let lies = match self.landmark_lies_on {
+            Some(other) => format!("on {other}"),
+            None if self.landmark_lies_beyond => {
+                format!("a level beyond {level}, as the other names do")
+            }
+            None => return None,
+        };
         Some(format!(
-            "the landmark named {level} lies on {other}: check the names"
+            "the landmark named {level} lies {lies}: check the names"
         ))
     }
 }

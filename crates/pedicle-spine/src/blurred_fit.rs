@@ -1,0 +1,283 @@
+//! The pose that makes a target's noisy points likeliest.
+//!
+//! ```text
+//! T, σ, w = argmax Σ_i log p(T⁻¹ y_i)
+//! ```
+//!
+//! p is the density of [`crate::blurred_bone`]. Its maximum is found by scoring with the information of the
+//! points themselves, Σ g gᵀ with g = ∂ log p / ∂(T, σ) (Berndt et al. 1974); the inverse of it, the weights among the unknowns, is
+//! the covariance.
+//!
+//! y and T in the target frame, mm and rad.
+
+use nalgebra::{
+    DMatrix, DVector, Isometry3, Matrix6, Point3, SMatrix, Translation3, UnitQuaternion,
+};
+use pedicle_registration::{PoseCovariance, pose_error};
+
+use crate::blurred_bone::{Blur, BlurredBone, Free, N_FREE, RIDGE_POINTS};
+
+/// A weight is worth so many points before any is seen.
+const PRIOR_POINTS: f64 = 2.0;
+/// Steps at most; after the first ones they are halved.
+const MAX_STEPS: usize = 50;
+const FULL_STEPS: usize = 8;
+/// Settled where a step is shorter than this, as the root mean square over the unknowns in standard deviations, and no weight changes by
+/// what so many points explain.
+const SETTLED: f64 = 0.1;
+const SETTLED_POINTS: f64 = 2.0;
+/// At least this share of the points lies within reach of a place.
+const LEAST_SHOWN: f64 = 0.9;
+/// σ changes by this share of itself at most in a step.
+const MAX_CHANGE_OF_SIGMA: f64 = 0.2;
+/// A pose farther than this from the start is not the one that the fits before it found, mm and rad.
+const MAX_CHANGE: (f64, f64) = (5.0, 0.3);
+
+/// The likeliest pose.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct BlurredFit {
+    pub(crate) target_from_source: Isometry3<f64>,
+    /// About the bone's centroid in the target frame.
+    pub(crate) covariance: PoseCovariance,
+    pub(crate) blur: Blur,
+}
+
+impl BlurredBone {
+    /// The likeliest pose of the points, from one that is nearly right. None if they do not fix it, if it is not found in time, and if
+    /// too many lie far from the bone.
+    pub(crate) fn fit(
+        &self,
+        start: &Isometry3<f64>,
+        points: &[Point3<f64>],
+        noise_mm: f64,
+    ) -> Option<BlurredFit> {
+        let mut pose = *start;
+        let mut blur = Blur {
+            sigma_mm: noise_mm,
+            weights: vec![1.0; self.n_regions()],
+        };
+        for k in 0..MAX_STEPS {
+            let inverse = pose.inverse();
+            let mut information = SMatrix::<f64, N_FREE, N_FREE>::zeros();
+            let mut score = Free::zeros();
+            let mut explained = vec![0.0; self.n_regions()];
+            let n_shown = self.each_said(points.iter().map(|y| inverse * y), &blur, |said| {
+                self.add_regions(said.shown, &mut explained);
+                information.ger(1.0, &said.free, &said.free, 1.0);
+                score += said.free;
+            });
+            let whole_step = information.cholesky()?.solve(&score);
+            // Full steps may go to and fro between two poses.
+            let step = whole_step * if k < FULL_STEPS { 1.0 } else { 0.5 };
+            pose *= self.moved_by(&step);
+            let most = MAX_CHANGE_OF_SIGMA * blur.sigma_mm;
+            blur.sigma_mm += step[6].clamp(-most, most);
+            let changed_points = self.weigh(&mut blur, &explained, points.len());
+            let change = pose_error(&pose, start, &self.center);
+            let is_near =
+                change.translation_mm <= MAX_CHANGE.0 && change.rotation_rad <= MAX_CHANGE.1;
+            if !is_near || (n_shown as f64) < LEAST_SHOWN * points.len() as f64 {
+                return None;
+            }
+            let is_settled = score.dot(&whole_step) <= SETTLED * SETTLED * N_FREE as f64;
+            if is_settled && changed_points <= SETTLED_POINTS {
+                return Some(BlurredFit {
+                    target_from_source: pose,
+                    covariance: self.covariance(&pose, &blur, points)?,
+                    blur,
+                });
+            }
+        }
+        None
+    }
+
+    /// A turn about the centroid, then a shift.
+    fn moved_by(&self, step: &Free) -> Isometry3<f64> {
+        let turn = step.fixed_rows::<3>(0).into_owned();
+        let shift = step.fixed_rows::<3>(3).into_owned();
+        Translation3::from(self.center.coords + shift)
+            * UnitQuaternion::from_scaled_axis(turn)
+            * Translation3::from(-self.center.coords)
+    }
+
+    /// The inverse information of the points where the weights are unknown as well as pose and σ.
+    fn covariance(
+        &self,
+        pose: &Isometry3<f64>,
+        blur: &Blur,
+        points: &[Point3<f64>],
+    ) -> Option<PoseCovariance> {
+        let inverse = pose.inverse();
+        let by_weights = -DVector::from_vec(self.expected(blur));
+        let n = N_FREE + by_weights.len();
+        let mut information = DMatrix::<f64>::zeros(n, n);
+        let mut g = DVector::<f64>::zeros(n);
+        self.each_said(points.iter().map(|y| inverse * y), blur, |said| {
+            g.fixed_rows_mut::<N_FREE>(0).copy_from(&said.free);
+            g.rows_mut(N_FREE, n - N_FREE).copy_from(&by_weights);
+            self.add_regions(said.shown, &mut g.as_mut_slice()[N_FREE..]);
+            information.ger(1.0, &g, &g, 1.0);
+        });
+        for r in N_FREE..n {
+            information[(r, r)] += RIDGE_POINTS;
+        }
+        let of_all = information.cholesky()?.inverse();
+        let of_pose: Matrix6<f64> = of_all.fixed_view::<6, 6>(0, 0).into_owned();
+        let rotation = pose.rotation.to_rotation_matrix();
+        let mut turned = Matrix6::zeros();
+        for block in [0, 3] {
+            let mut part = turned.fixed_view_mut::<3, 3>(block, block);
+            part.copy_from(rotation.matrix());
+        }
+        Some(PoseCovariance {
+            matrix: turned * of_pose * turned.transpose(),
+            center: pose * self.center,
+        })
+    }
+
+    /// The weights of the regions, from how many points each explains; by how many points the one that changes most does.
+    fn weigh(&self, blur: &mut Blur, explained: &[f64], n_points: usize) -> f64 {
+        let mut most = 0.0;
+        for ((weight, explained), share) in blur.weights.iter_mut().zip(explained).zip(&self.share)
+        {
+            let before = if *weight < 1.0 { *weight } else { 1.0 };
+            let expected = share * n_points as f64;
+            let after = (explained + PRIOR_POINTS * before) / (expected + PRIOR_POINTS);
+            let change = (after - *weight).abs() * expected;
+            most = if change > most { change } else { most };
+            *weight = after;
+        }
+        most
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bone::BoneSurface;
+    use nalgebra::Vector3;
+    use pedicle_registration::{RefineOptions, refine_on_surface};
+    use pedicle_simulation::{MeshingOptions, PhantomParameters, generate_phantom};
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    const SIGMA_MM: f64 = 2.0;
+
+    /// Mean squares of the errors over their standard deviations, and sums of squares of errors (mm², rad²): of the likeliest
+    /// poses, and of the fits to the closest places that they start from.
+    struct Errors {
+        normalized: f64,
+        likeliest: (f64, f64),
+        closest: (f64, f64),
+        sigma_mm: f64,
+    }
+
+    /// Fits noisy points of a lumbar vertebra of which a share of the faces is seen, several times.
+    fn errors(is_seen: impl Fn(&Vector3<f64>) -> bool, n_points: usize) -> Errors {
+        let phantom =
+            generate_phantom(&PhantomParameters::default(), &MeshingOptions::default()).unwrap();
+        let mesh = &phantom.vertebrae[2].mesh;
+        let bone = BoneSurface::new(mesh).unwrap();
+        let blurred = BlurredBone::new(&bone, mesh.area(), SIGMA_MM).unwrap();
+        let truth = Isometry3::new(Vector3::new(4.0, 60.0, -9.0), Vector3::new(0.2, -0.4, 0.3));
+        let mut rng = ChaCha8Rng::seed_from_u64(11);
+        let options = RefineOptions {
+            max_distance_mm: 10.0,
+            start_distance_mm: None,
+            ..RefineOptions::default()
+        };
+        let n_draws = 40;
+        let mut sum = Errors {
+            normalized: 0.0,
+            likeliest: (0.0, 0.0),
+            closest: (0.0, 0.0),
+            sigma_mm: 0.0,
+        };
+        for draw in 0..n_draws {
+            // Vertices, and not the places of the density.
+            let step = mesh.n_vertices() / n_points;
+            let points: Vec<Point3<f64>> = mesh
+                .vertices()
+                .iter()
+                .skip(draw % step)
+                .step_by(step)
+                .filter(|p| is_seen(&(*p - bone.centroid())))
+                .map(|p| {
+                    let noise = Vector3::from_fn(|_, _| StandardNormal.sample(&mut rng));
+                    truth * (p + noise * SIGMA_MM)
+                })
+                .collect();
+            let closest = refine_on_surface(&bone, &points, &truth, &options).unwrap();
+            let found = blurred
+                .fit(&closest.target_from_source, &points, closest.noise_mm)
+                .unwrap();
+            let center = bone.centroid();
+            for (pose, sum) in [
+                (&found.target_from_source, &mut sum.likeliest),
+                (&closest.target_from_source, &mut sum.closest),
+            ] {
+                let error = pose_error(pose, &truth, &center);
+                sum.0 += error.translation_mm.powi(2);
+                sum.1 += error.rotation_rad.powi(2);
+            }
+            let squared = found
+                .covariance
+                .normalized_error_squared(&found.target_from_source, &truth)
+                .unwrap();
+            sum.normalized += squared / 6.0 / n_draws as f64;
+            sum.sigma_mm += found.blur.sigma_mm / n_draws as f64;
+        }
+        sum
+    }
+
+    #[test]
+    fn the_likeliest_pose_is_nearer_than_that_of_the_closest_places_and_knows_its_error() {
+        let whole = errors(|_| true, 400);
+        assert!(
+            whole.likeliest.0 < whole.closest.0 && whole.likeliest.1 < 0.95 * whole.closest.1,
+            "{:?} against {:?}",
+            whole.likeliest,
+            whole.closest
+        );
+        assert!(
+            (0.6..1.4).contains(&whole.normalized),
+            "normalised error squared over 6 is {}",
+            whole.normalized
+        );
+        assert!(
+            (whole.sigma_mm - SIGMA_MM).abs() < 0.1,
+            "a noise of {} mm",
+            whole.sigma_mm
+        );
+    }
+
+    #[test]
+    fn a_part_that_is_not_seen_does_not_draw_the_pose_to_it() {
+        let back = errors(|p| p.y > 0.0, 400);
+        assert!(
+            (0.6..1.5).contains(&back.normalized),
+            "normalised error squared over 6 is {}",
+            back.normalized
+        );
+        assert!(
+            back.likeliest.0 < 1.1 * back.closest.0,
+            "{:?} against {:?}",
+            back.likeliest,
+            back.closest
+        );
+    }
+
+    #[test]
+    fn points_that_fix_nothing_have_no_fit() {
+        let phantom =
+            generate_phantom(&PhantomParameters::default(), &MeshingOptions::default()).unwrap();
+        let mesh = &phantom.vertebrae[2].mesh;
+        let bone = BoneSurface::new(mesh).unwrap();
+        let blurred = BlurredBone::new(&bone, mesh.area(), SIGMA_MM).unwrap();
+        let start = Isometry3::identity();
+        let far = vec![bone.centroid() + Vector3::new(0.0, 0.0, 500.0); 100];
+        assert_eq!(blurred.fit(&start, &far, SIGMA_MM), None, "far away");
+        assert_eq!(blurred.fit(&start, &[], SIGMA_MM), None, "no points");
+    }
+}
