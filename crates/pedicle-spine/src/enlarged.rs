@@ -8,8 +8,8 @@
 
 use pedicle_registration::PoseCovariance;
 
-use crate::finish::Sensor;
 use crate::misfit::Misfit;
+use crate::sensor::Sensor;
 
 /// First-order covariances are too small on noisy targets, by about this much per millimetre of
 /// noise. With it the normalised error squared over 6 was 0.83 to 1.19 on meshes at 0.5 to 2 mm.

@@ -5,8 +5,8 @@ use pedicle_registration::ReferenceSurface;
 use rayon::prelude::*;
 
 use crate::bone::BoneSurface;
-use crate::finish::Sensor;
 use crate::points::PointSet;
+use crate::sensor::Sensor;
 
 /// A point counts as explained within this many standard deviations of the noise, and this much
 /// more: surfaces of different triangulation do not coincide.

@@ -1,26 +1,25 @@
 //! Last refinement with all target points, and what it says about itself.
 
-use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::{Isometry3, Point3};
 use pedicle_registration::{PoseCovariance, RefineOptions, Refinement, refine_on_surface};
 use rayon::prelude::*;
 
 use crate::SpineError;
-use crate::along_rays::{CameraView, SeenFromCamera, along_rays};
+use crate::along_rays::{SeenFromCamera, along_rays};
 use crate::bare_bone::BareBone;
 use crate::blurred_bone::BLURRED_FROM_MM;
 use crate::bone::BoneSurface;
 use crate::enlarged::enlarged;
 use crate::explained::Explained;
-use crate::free_space::FreeSpace;
 use crate::likeliest::{Likeliest, likeliest_pose};
-use crate::local_shape::Local;
 use crate::misfit::{Misfit, misfit, misfit_along_rays};
 use crate::model::Vertebra;
-use crate::points::PointSet;
-use crate::scoring::{ScoreTable, UNASSIGNED, points_of};
+use crate::pieces::{FinePoints, settle_pieces};
+use crate::scoring::{ScoreTable, points_of};
 use crate::seen_bone::SeenBone;
+use crate::sensor::{GATE_MM, Sensor};
 use crate::shape_change::{SHAPE_FROM_MM, ShapeChange};
+use crate::shown::{share, shown_samples};
 
 /// Rounds of giving points to vertebrae and fitting.
 const ROUNDS: usize = 3;
@@ -33,19 +32,8 @@ const LAST_ROUNDS: usize = 2;
 const EARLY_STEPS: usize = 6;
 /// Points of all bones from which the start of a fit along the rays is found.
 const START_POINTS: usize = 5000;
-/// The gate in standard deviations of the noise: farther points are not this vertebra's.
-const GATE_IN_SIGMA: f64 = 5.0;
-/// Smallest gate of the first round and bounds of the later ones, mm.
-const GATE_MM: (f64, f64) = (4.0, 10.0);
-/// The same two where the noise is known from the target alone: soft tissue a few millimetres from
-/// the bone is then told apart.
-const KNOWN_GATE_IN_SIGMA: f64 = 4.5;
-const KNOWN_GATE_MM: (f64, f64) = (1.2, 10.0);
 /// Noise of the median bone by the closest places from which on shapes are asked for, mm: the density may tell a little more.
 const ASK_FOR_SHAPE_FROM_MM: f64 = 0.9 * SHAPE_FROM_MM;
-/// A loose piece belongs to one vertebra if this share of its points does.
-const PIECE_MAJORITY: f64 = 0.9;
-
 /// The final fit of one vertebra.
 #[derive(Debug, Clone)]
 pub(crate) struct Fit {
@@ -72,54 +60,6 @@ pub(crate) struct Fit {
     pub(crate) seen_through: f64,
 }
 
-/// What is known of the sensor.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Sensor<'a> {
-    /// Noise estimated from the target alone, mm.
-    pub(crate) noise_mm: Option<f64>,
-    pub(crate) free_space: Option<&'a FreeSpace>,
-    /// What its points tell of themselves along its rays.
-    pub(crate) picture: Option<&'a Local>,
-}
-
-/// The fitted noise is this much larger than the sensor's own, the median of patches: it grows where
-/// the surface is seen at a small angle.
-const SENSOR_TO_SURFACE: f64 = 1.15;
-
-impl<'a> Sensor<'a> {
-    /// What a camera saw, if its points are dense enough to make a picture.
-    pub(crate) fn view_of(&self, positions: &'a [Point3<f64>]) -> Option<CameraView<'a>> {
-        let picture = self.picture?;
-        Some(CameraView {
-            camera_mm: self.free_space?.camera_mm(),
-            positions,
-            normals: &picture.normals,
-            patches: &picture.patches,
-            noise_mm: picture.noise_mm,
-        })
-    }
-
-    /// The noise that the sensor answers for: tissue taken for bone makes the residuals larger.
-    fn believable_mm(&self, fitted_mm: f64) -> f64 {
-        match self.noise_mm {
-            Some(sensor_mm) if SENSOR_TO_SURFACE * sensor_mm < fitted_mm => {
-                SENSOR_TO_SURFACE * sensor_mm
-            }
-            _ => fitted_mm,
-        }
-    }
-
-    /// The gate of the last fits.
-    pub(crate) fn gate_mm(&self, fitted_noise_mm: f64) -> f64 {
-        match self.noise_mm {
-            Some(noise_mm) => {
-                (KNOWN_GATE_IN_SIGMA * noise_mm).clamp(KNOWN_GATE_MM.0, KNOWN_GATE_MM.1)
-            }
-            None => (GATE_IN_SIGMA * fitted_noise_mm).clamp(GATE_MM.0, GATE_MM.1),
-        }
-    }
-}
-
 /// The final fit of all vertebrae.
 #[derive(Debug, Clone)]
 pub(crate) struct SpineFit {
@@ -134,24 +74,6 @@ pub(crate) struct SpineFit {
     pub(crate) needs_shape: bool,
     /// Whether a camera is known that saw the points.
     pub(crate) is_from_camera: bool,
-}
-
-/// The target's points and the loose pieces they belong to.
-pub(crate) struct FinePoints {
-    pub(crate) points: PointSet,
-    pub(crate) piece: Vec<u32>,
-    pub(crate) n_pieces: usize,
-}
-
-impl FinePoints {
-    /// Every so many points.
-    fn every(&self, stride: usize) -> Self {
-        Self {
-            points: self.points.every(stride),
-            piece: self.piece.iter().step_by(stride).copied().collect(),
-            n_pieces: self.n_pieces,
-        }
-    }
 }
 
 /// Fits every vertebra to its points, starting from poses that are nearly right.
@@ -334,91 +256,4 @@ fn median_noise(refinements: &[Option<Refinement>]) -> f64 {
         .collect();
     noise.sort_by(f64::total_cmp);
     noise.get(noise.len() / 2).copied().unwrap_or(f64::NAN)
-}
-
-/// Which of the vertebra's samples have one of its own points beside them.
-fn shown_samples(
-    vertebra: &Vertebra,
-    pose: &Isometry3<f64>,
-    own: &[Point3<f64>],
-    noise_mm: f64,
-) -> Result<Vec<bool>, SpineError> {
-    if own.is_empty() {
-        return Ok(vec![false; vertebra.samples.len()]);
-    }
-    let coordinates: Vec<[f64; 3]> = own.iter().map(|p| [p.x, p.y, p.z]).collect();
-    let tree = ImmutableKdTree::new_from_slice(&coordinates).map_err(|e| SpineError::Index {
-        reason: format!("{e:?}"),
-    })?;
-    let spacing_mm = spacing(vertebra);
-    // Noise widens the circle, but not without end: or everything would count as seen.
-    let widened = 2.0 * noise_mm;
-    let reach_mm = spacing_mm
-        + if widened < spacing_mm {
-            widened
-        } else {
-            spacing_mm
-        };
-    Ok(vertebra
-        .samples
-        .iter()
-        .map(|p| {
-            let q = pose * p;
-            let query = [q.x, q.y, q.z];
-            let nearest = tree
-                .query(&query)
-                .nearest_one::<SquaredEuclidean<f64>>()
-                .execute();
-            nearest.distance.sqrt() <= reach_mm
-        })
-        .collect())
-}
-
-/// Gives whole pieces to the vertebra that nearly all of their points belong to: a point next to
-/// a facet joint is as near to the neighbour, but its piece is not.
-fn settle_pieces(owners: &mut [u8], target: &FinePoints, n_vertebrae: usize) {
-    // A cloud has no pieces.
-    if target.n_pieces == 0 {
-        return;
-    }
-    let mut votes = vec![vec![0usize; n_vertebrae]; target.n_pieces];
-    for (p, &owner) in owners.iter().enumerate() {
-        if owner != UNASSIGNED {
-            votes[target.piece[p] as usize][owner as usize] += 1;
-        }
-    }
-    let winner: Vec<Option<u8>> = votes
-        .iter()
-        .map(|votes| {
-            let total: usize = votes.iter().sum();
-            let (best, &count) = votes.iter().enumerate().max_by_key(|(_, count)| **count)?;
-            (count as f64 >= PIECE_MAJORITY * total as f64 && total > 0).then_some(best as u8)
-        })
-        .collect();
-    for (p, owner) in owners.iter_mut().enumerate() {
-        // A point that no vertebra explains stays nobody's: it may be soft tissue.
-        if let (Some(best), true) = (winner[target.piece[p] as usize], *owner != UNASSIGNED) {
-            *owner = best;
-        }
-    }
-}
-
-/// Typical distance between neighbouring samples: n of them share the area, each stands for a
-/// disc, and a target of about the same density has a point within its diameter.
-fn spacing(vertebra: &Vertebra) -> f64 {
-    let n = vertebra.samples.len().max(1) as f64;
-    2.0 * (vertebra.area_mm2 / (n * std::f64::consts::PI)).sqrt()
-}
-
-fn share(flags: impl Iterator<Item = bool>) -> f64 {
-    let (mut yes, mut all) = (0usize, 0usize);
-    for flag in flags {
-        yes += usize::from(flag);
-        all += 1;
-    }
-    if all == 0 {
-        0.0
-    } else {
-        yes as f64 / all as f64
-    }
 }

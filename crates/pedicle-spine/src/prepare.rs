@@ -8,11 +8,11 @@ use pedicle_trajectory::Level;
 use rand::seq::index;
 use rand_chacha::ChaCha8Rng;
 
-use crate::finish::FinePoints;
 use crate::image_shape::image_shape;
 use crate::local_shape::{Local, local_shape, not_alone};
 use crate::map_shape::clean;
 use crate::model::{MAX_LANDMARK_DISTANCE_MM, SpineModel};
+use crate::pieces::FinePoints;
 use crate::points::PointSet;
 use crate::{Shape, SpineError, Target, TargetSurface};
 

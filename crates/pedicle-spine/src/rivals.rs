@@ -14,10 +14,11 @@ use rayon::prelude::*;
 
 use crate::bare_bone::BareBone;
 use crate::bone::BoneSurface;
-use crate::finish::{FinePoints, Sensor};
 use crate::model::Vertebra;
+use crate::pieces::FinePoints;
 use crate::scoring::{ScoreTable, UNASSIGNED};
 use crate::search::Found;
+use crate::sensor::Sensor;
 
 /// Gates of the fits, mm; then that of the sensor.
 const GATES_MM: [f64; 4] = [6.0, 4.0, 3.0, 2.5];

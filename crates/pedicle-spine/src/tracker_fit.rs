@@ -20,11 +20,12 @@ use crate::along_rays::{CameraView, behind_share};
 use crate::bare_bone::BareBone;
 use crate::enlarged::enlarged;
 use crate::explained::{CLOSE_MM, EXPLAINED_FLOOR_MM, EXPLAINED_IN_SIGMA};
-use crate::finish::{Sensor, select};
+use crate::finish::select;
 use crate::free_space::FreeSpace;
 use crate::local_shape::{noise_of_points, shaped};
 use crate::misfit::{Misfit, misfit};
 use crate::points::PointSet;
+use crate::sensor::Sensor;
 use crate::tracker::{SpineTracker, Track, thin_out};
 use crate::verdict_noise::median;
 

@@ -45,6 +45,8 @@ impl Default for TrackerOptions {
             // Frames are fitted to the closest places, which tell less of a noisier camera than its rays.
             verdict: VerdictOptions {
                 max_noise_of_camera_mm: 1.5,
+                // Nobody judges the shape frame by frame.
+                max_noise_mm: 2.3,
                 max_behind_share: 0.06,
                 ..VerdictOptions::default()
             },

@@ -8,7 +8,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use crate::conclusion::Conclusion;
-use crate::finish::{Sensor, finish};
+use crate::finish::finish;
 use crate::free_space::FreeSpace;
 use crate::hypotheses::{Configuration, Origin};
 use crate::map::{MapReport, map_poses};
@@ -18,6 +18,7 @@ use crate::prepare::prepare;
 use crate::rejection::Rejection;
 use crate::rivals::Rivals;
 use crate::search::Search;
+use crate::sensor::Sensor;
 use crate::starts::StartScene;
 use crate::{
     MapOptions, Shape, SpineError, Target, TargetChanges, TrajectoryUncertainty, TransferOptions,

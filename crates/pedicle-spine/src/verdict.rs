@@ -310,14 +310,14 @@ mod tests {
     #[test]
     fn a_noisy_target_is_refused_even_where_a_bone_fits_by_chance() {
         let evidence = Evidence {
-            others_noise_mm: 2.7,
-            target_noise_mm: 2.7,
-            noise_mm: 2.1,
+            others_noise_mm: 3.7,
+            target_noise_mm: 3.7,
+            noise_mm: 3.1,
             ..good()
         };
         let found = rejections(&evidence, &VerdictOptions::default());
         assert!(
-            found.len() == 1 && found[0].to_string().contains("2.70 mm"),
+            found.len() == 1 && found[0].to_string().contains("3.70 mm"),
             "{found:?}"
         );
     }
