@@ -83,7 +83,8 @@ pub struct SpineChange {
     pub excess: f64,
     /// The excess that the bones of another person who is much alike would have on average: of a stretch and shear of 2 %.
     pub shows: f64,
-    /// By how much the bones are larger along their own left, anterior and up axes: 0.02 is 2 %.
+    /// By how much the bones are larger along their own left, anterior and up axes, if nothing but stretch and shear changes: 0.02
+    /// is 2 %.
     pub larger: Vector3<f64>,
 }
 
@@ -141,21 +142,29 @@ impl ShapeChange {
         })
     }
 
-    /// The change that the points make likely, and its χ².
-    fn judged(&self) -> Option<(Modes, ChiSquared)> {
+    /// χ² of all changes.
+    fn judged(&self) -> Option<ChiSquared> {
         let prior = Information::identity() / (PRIOR_MM * PRIOR_MM);
         let cholesky = (self.information + prior).cholesky()?;
         let change = cholesky.solve(&self.score);
         let added = self.information * cholesky.solve(&self.information);
-        let chi = ChiSquared {
+        Some(ChiSquared {
             value: self.score.dot(&change),
             expected: cholesky.solve(&self.information).trace(),
             by_other: OTHER_MM * OTHER_MM * added.view((0, 0), (N_LINEAR, N_LINEAR)).trace(),
-        };
-        Some((change, chi))
+        })
     }
 
-    /// Whether there is a change that the points make likely.
+    /// The stretch along the axes that the points make likely, where nothing but stretch and shear changes.
+    fn stretch(&self) -> Option<Vector3<f64>> {
+        let linear = self.information.fixed_view::<N_LINEAR, N_LINEAR>(0, 0);
+        let prior = SMatrix::<f64, N_LINEAR, N_LINEAR>::identity() / (PRIOR_MM * PRIOR_MM);
+        let score = self.score.fixed_rows::<N_LINEAR>(0);
+        let change = (linear + prior).cholesky()?.solve(&score);
+        Some(change.fixed_rows::<3>(0) / LEVER_MM)
+    }
+
+    /// Whether χ² can be told.
     pub(crate) fn is_known(&self) -> bool {
         self.judged().is_some()
     }
@@ -164,7 +173,7 @@ impl ShapeChange {
     pub(crate) fn of_spine(all: &[&Self]) -> Option<SpineChange> {
         let (known, each): (Vec<&Self>, Vec<ChiSquared>) = all
             .iter()
-            .filter_map(|change| Some((*change, change.judged()?.1)))
+            .filter_map(|change| Some((*change, change.judged()?)))
             .unzip();
         let summed = ChiSquared {
             value: each.iter().map(|chi| chi.value).sum(),
@@ -177,7 +186,7 @@ impl ShapeChange {
             common.information += change.information;
             common.score += change.score;
         }
-        let (change, chi) = common.judged()?;
+        let chi = common.judged()?;
         let (alone, together) = (summed.excess(), chi.excess());
         let together = together / COMMON_DEVIATIONS;
         let shows = |chi: &ChiSquared| chi.by_other / (2.0 * chi.expected).sqrt();
@@ -189,7 +198,7 @@ impl ShapeChange {
                 alone
             },
             shows: if b > a { b } else { a },
-            larger: Vector3::new(change[0], change[1], change[2]) / LEVER_MM,
+            larger: common.stretch()?,
         })
     }
 }
