@@ -21,7 +21,7 @@ const THINNEST_WIRE_MM: f64 = 2.0;
 const SCREW_STEP_MM: f64 = 0.5;
 /// Bone to keep between the screw and the cortex at the isthmus, mm.
 const ISTHMUS_CLEARANCE_MM: f64 = 1.8;
-/// The same of the smallest screw and of wires: the least of usual planning limits, and of `pedicle plan`, mm.
+/// The same of the smallest screw and of wires: the least of usual planning limits, mm.
 const LEAST_CLEARANCE_MM: f64 = 1.0;
 /// Length of the planned screws, mm.
 const SCREW_LENGTH_MM: f64 = 45.0;
@@ -168,7 +168,7 @@ fn pedicle_truth(
 
 impl PedicleTruth {
     /// The largest usual screw that leaves 1.8 mm of bone at the isthmus, 6 mm at most; where that is less than 4 mm, the
-    /// thickest that leaves 1 mm: a screw of 4 mm, or a guide wire, as `pedicle plan` has it. In steps of 0.5 mm.
+    /// thickest that leaves 1 mm: a screw of 4 mm, or a guide wire of 2 mm and more. In steps of 0.5 mm.
     #[must_use]
     pub fn screw_diameter_mm(&self) -> f64 {
         let narrowest_mm = self.width_mm.min(self.height_mm);
@@ -180,7 +180,7 @@ impl PedicleTruth {
         if usual < SMALLEST_SCREW_MM {
             leaving(LEAST_CLEARANCE_MM).clamp(THINNEST_WIRE_MM, SMALLEST_SCREW_MM)
         } else {
-            usual.min(LARGEST_SCREW_MM)
+            usual.clamp(SMALLEST_SCREW_MM, LARGEST_SCREW_MM)
         }
     }
 

@@ -17,7 +17,7 @@ use crate::uncertainty::{uncertainty, worst_of_pose};
 use crate::verdict::rejections;
 use crate::verdict_noise::second_smallest;
 use crate::verdict_together::{
-    behind_rejection, chain_rejections, pooled_rejection, shape_rejection,
+    behind_rejection, bone_rejection, chain_rejections, pooled_rejection, shape_rejection,
 };
 use crate::{TrajectoryUncertainty, TransferredTrajectory, VerdictOptions, VertebraTransfer};
 
@@ -62,7 +62,8 @@ impl Conclusion<'_> {
         for (v, vertebra) in vertebrae.iter_mut().enumerate() {
             // A wrong name is one of a vertebra that is trusted itself.
             let is_trusted = |u: usize| trusted[u].is_some();
-            if names.lies_on[v].is_some_and(|u| !is_trusted(u)) && is_trusted(v) {
+            let witness = names.lies_on[v].or(names.lies_beyond[v]);
+            if witness.is_some_and(|u| !is_trusted(u)) && is_trusted(v) {
                 vertebra.reasons.push(Rejection::FarFromLandmark {
                     distance_mm: vertebra.landmark_distance_mm,
                     max_mm: options.max_landmark_distance_mm,
@@ -90,17 +91,20 @@ impl Conclusion<'_> {
         let shares = seen.map(|seen| seen.behind_share).collect();
         let noise_mm = self.fit.sensor_noise_mm.unwrap_or(0.0);
         let behind = behind_rejection(shares, noise_mm, options);
-        for (vertebra, fit) in vertebrae.iter_mut().zip(&self.fit.fits) {
+        for vertebra in &mut vertebrae {
             if !vertebra.reasons.is_empty() {
                 continue;
             }
             vertebra.reasons.extend(together.clone());
             vertebra.reasons.extend(differs.clone());
             vertebra.reasons.extend(behind.clone());
-            let tells_shape = fit.shape.as_ref().is_some_and(ShapeChange::is_known);
-            if self.fit.needs_shape && !(tells_shape && shows) {
-                let n_points = vertebra.n_points;
-                vertebra.reasons.push(Rejection::ShapeUnknown { n_points });
+            if self.fit.needs_shape {
+                let own = bone_rejection(vertebra.shape_excess, vertebra.n_points, options);
+                vertebra.reasons.extend(own);
+                if !shows {
+                    let n_points = vertebra.n_points;
+                    vertebra.reasons.push(Rejection::ShapeUnknown { n_points });
+                }
             }
             vertebra.accepted = vertebra.reasons.is_empty();
         }
@@ -172,7 +176,7 @@ impl Conclusion<'_> {
             landmark_distance_mm: self.landmarks[v]
                 .map(|landmark| (pose * vertebra.landmark - landmark).norm()),
             landmark_is_of_another: (names.may_be_wrong_names && names.lies_on[v].is_some())
-                || names.lies_beyond[v],
+                || names.lies_beyond[v].is_some(),
             misfit: fit.misfit,
             seen_through: fit.seen_through,
             sensor_noise_mm: self.fit.sensor_noise_mm,
@@ -194,8 +198,9 @@ impl Conclusion<'_> {
             alternative_margin: evidence.alternative_margin,
             landmark_distance_mm: evidence.landmark_distance_mm.unwrap_or(f64::NAN),
             landmark_lies_on: names.lies_on[v].map(|u| self.model.vertebrae[u].level),
-            landmark_lies_beyond: names.lies_beyond[v],
+            landmark_lies_beyond: names.lies_beyond[v].is_some(),
             misfit_mm: fit.misfit.depth_mm(),
+            shape_excess: fit.shape.as_ref().and_then(ShapeChange::excess),
             seen_through: fit.seen_through,
             hidden_share: fit.hidden_share,
             behind_share: evidence.behind_share,

@@ -42,8 +42,9 @@ pub(crate) struct LandmarkEvidence {
     pub(crate) supports_levels: bool,
     /// For every vertebra whose landmark lies on another one: which.
     pub(crate) lies_on: Vec<Option<usize>>,
-    /// The vertebrae at an end whose landmark lies where the next one beyond would have it, while all other names moved on that way.
-    pub(crate) lies_beyond: Vec<bool>,
+    /// For a vertebra at an end whose landmark lies where the next one beyond would have it, while all other names that do not agree
+    /// moved on that way: the neighbour that tells where that is.
+    pub(crate) lies_beyond: Vec<Option<usize>>,
     /// Whether they have all changed places among themselves, or all moved on by as many levels: then they may be wrong names.
     pub(crate) may_be_wrong_names: bool,
 }
@@ -74,17 +75,18 @@ pub(crate) fn landmark_evidence(tips: &[Tip], reach_mm: f64) -> LandmarkEvidence
     let first = steps.next();
     // Tips of neighbours may lie so close that a name that moved on seems to agree.
     let move_on = elsewhere().count() >= MIN_AGREEING && steps.all(|step| Some(step) == first);
+    let one_step = first.filter(|step| move_on && step.abs() == 1);
     let lies_beyond = (0..n)
         .map(|v| {
-            let step = first.filter(|step| move_on && step.abs() == 1);
-            let beyond = step.and_then(|step| {
-                let behind = tips.get(v.checked_add_signed(-step)?)?.carried?;
-                let is_end = v.checked_add_signed(step).is_none_or(|next| next >= n);
-                let own = tips[v].carried?;
-                is_end.then(|| own + (own - behind))
-            });
-            let near = |p: Point3<f64>| (tips[v].landmark? - p).norm().le(&reach_mm).then_some(());
-            !agrees[v] && beyond.and_then(near).is_some()
+            let step = one_step?;
+            let behind = v.checked_add_signed(-step)?;
+            let is_end = v.checked_add_signed(step).is_none_or(|next| next >= n);
+            let others_moved = (0..n)
+                .all(|u| u == v || agrees[u] || tips[u].landmark.is_none() || lies_on[u].is_some());
+            let (own, before) = (tips[v].carried?, tips.get(behind)?.carried?);
+            let beyond = own + (own - before);
+            let is_there = (tips[v].landmark? - beyond).norm() <= reach_mm;
+            (is_end && !agrees[v] && others_moved && is_there).then_some(behind)
         })
         .collect();
     let supports_levels = n_agreeing >= MIN_AGREEING && n_agreeing > n_elsewhere;
@@ -155,13 +157,13 @@ mod tests {
             vec![Some(1), Some(2), Some(3), Some(4), None],
             "where the last one lies, there is no vertebra"
         );
-        assert_eq!(moved_on.lies_beyond, vec![false, false, false, false, true]);
+        assert_eq!(moved_on.lies_beyond, vec![None, None, None, None, Some(3)]);
         let up = judged([Some(-1.0), Some(0.0), Some(1.0), Some(2.0), Some(3.0)]);
-        assert_eq!(up.lies_beyond, vec![true, false, false, false, false]);
+        assert_eq!(up.lies_beyond, vec![Some(1), None, None, None, None]);
         let astray = judged([Some(1.0), Some(2.0), Some(3.0), Some(4.0), Some(6.0)]);
-        assert_eq!(astray.lies_beyond, vec![false; 5], "two levels beyond");
+        assert_eq!(astray.lies_beyond, vec![None; 5], "two levels beyond");
         let alone = judged([Some(0.0), Some(1.0), Some(2.0), Some(3.0), Some(5.0)]);
-        assert_eq!(alone.lies_beyond, vec![false; 5], "the others did not move");
+        assert_eq!(alone.lies_beyond, vec![None; 5], "the others did not move");
         let between = judged([Some(0.5), Some(1.0), Some(2.0), Some(3.0), Some(4.0)]);
         assert_eq!(between.lies_on, vec![None; 5], "half a level off");
     }

@@ -15,6 +15,10 @@ use crate::bone::BoneSurface;
 use crate::model::Vertebra;
 use crate::shape_change::ShapeChange;
 
+/// More noise than this makes the covariance of the closest places too small, however many points there are, mm: then the likeliest pose
+/// of a part of them counts.
+const DENSE_UP_TO_MM: f64 = 2.0;
+
 /// What the density of noisy points says.
 #[derive(Debug, Default)]
 pub(crate) struct Likeliest {
@@ -45,7 +49,7 @@ pub(crate) fn likeliest_pose(
         .then(|| ShapeChange::new(&bone, &vertebra.frame, &likeliest, &few))
         .flatten();
     fit.noise_mm = likeliest.blur.sigma_mm;
-    let is_pose = stride == 1;
+    let is_pose = stride == 1 || likeliest.blur.sigma_mm > DENSE_UP_TO_MM;
     if is_pose {
         *pose = likeliest.target_from_source;
         fit.target_from_source = likeliest.target_from_source;

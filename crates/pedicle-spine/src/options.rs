@@ -63,8 +63,7 @@ pub struct VerdictOptions {
     /// Smallest share of the vertebra's target points that the fit explains. Default 0.85.
     pub min_explained_share: f64,
     /// Largest noise of the target surface, as the median bone shows it, mm; a single bone may show 1.1 times as much.
-    /// Default 2.3: beyond that the shape no longer tells whose bone it is. A noise of 2 mm shows as 1.8 to 2.05, one of 3 mm
-    /// as 2.33 and more.
+    /// Default 3.4: beyond that nothing was tried. A noise of 3 mm shows as 2.6 to 3.1.
     pub max_noise_mm: f64,
     /// Largest standard deviation of the vertebra's position in the worst direction, mm. Default
     /// 0.6: more than four of them stay within the published margin of 2.5 mm.
@@ -115,11 +114,12 @@ pub struct VerdictOptions {
     /// Largest depth of the bumps of all vertebrae together along the rays of a camera, mm, where noise leaves none. Default 0.14.
     pub max_pooled_misfit_of_camera_mm: f64,
     /// Largest change of the shape of all bones together that noise may feign, in standard deviations of its χ². Judged
-    /// from a noise of 1.25 mm on, where noise hides bumps. Not of what a camera saw. Default 1.8: of 100 right spines at 2 mm one in
-    /// 20 had more, of 50 other patients' seen whole all had more than 8.
+    /// from a noise of 1.25 mm on, where noise hides bumps. Not of what a camera saw. Default 2.4.
     pub max_shape_excess: f64,
-    /// The least that another person's bones must show on average ([`SpineChange::shows`](crate::SpineChange)). Default 8; targets
-    /// at 2 mm have 10 and more.
+    /// The same of one bone by itself. Default 3.
+    pub max_shape_excess_of_bone: f64,
+    /// The least that bones larger by 2 % must show on average ([`SpineChange::shows`](crate::SpineChange)); other people differ by
+    /// more, and in other ways too. Default 1.9: targets seen whole have as much at 3 mm, of those of which half is seen few do.
     pub min_shape_shown: f64,
     /// Largest noise of what a camera saw, mm. Default 2.2: beyond that nothing was tried.
     pub max_noise_of_camera_mm: f64,
@@ -258,6 +258,7 @@ impl Default for VerdictOptions {
             misfit_in_sigma: 3.0,
             pooled_misfit_in_sigma: 3.0,
             max_shape_excess: 2.4,
+            max_shape_excess_of_bone: 3.0,
             min_shape_shown: 1.9,
             max_noise_of_camera_mm: 2.2,
             max_seen_through: 0.02,

@@ -6,6 +6,8 @@ use crate::scoring::UNASSIGNED;
 /// A loose piece belongs to one vertebra if this share of its points does: at a noise of 2 mm a fifth of a vertebra whose joints touch the
 /// neighbours is nearer to those, and a piece of two vertebrae is not so unequal.
 const PIECE_MAJORITY: f64 = 0.67;
+/// And no other vertebra has more than this share: the two neighbours share what lies at the joints.
+const MOST_OF_ANOTHER: f64 = 0.25;
 
 /// The target's points and the loose pieces they belong to.
 pub(crate) struct FinePoints {
@@ -25,7 +27,7 @@ impl FinePoints {
     }
 }
 
-/// Gives whole pieces to the vertebra that nearly all of their points belong to: a point next to
+/// Gives whole pieces to the vertebra that most of their points belong to: a point next to
 /// a facet joint is as near to the neighbour, but its piece is not.
 pub(crate) fn settle_pieces(owners: &mut [u8], target: &FinePoints, n_vertebrae: usize) {
     // A cloud has no pieces.
@@ -43,7 +45,11 @@ pub(crate) fn settle_pieces(owners: &mut [u8], target: &FinePoints, n_vertebrae:
         .map(|votes| {
             let total: usize = votes.iter().sum();
             let (best, &count) = votes.iter().enumerate().max_by_key(|(_, count)| **count)?;
-            (count as f64 >= PIECE_MAJORITY * total as f64 && total > 0).then_some(best as u8)
+            let others = votes.iter().enumerate().filter(|(v, _)| *v != best);
+            let next = others.map(|(_, count)| *count).max().unwrap_or(0);
+            let is_one = count as f64 >= PIECE_MAJORITY * total as f64
+                && next as f64 <= MOST_OF_ANOTHER * total as f64;
+            (is_one && total > 0).then_some(best as u8)
         })
         .collect();
     for (p, owner) in owners.iter_mut().enumerate() {
@@ -75,7 +81,7 @@ mod tests {
         assert_eq!(settled(&[1, 1, 1, 0, 1, 2, 1, 1]), [1; 8]);
         let tissue = [1, 1, 1, UNASSIGNED];
         assert_eq!(settled(&tissue), tissue, "nobody's points stay so");
-        let two = [1, 1, 1, 2, 2];
+        let two = [1, 1, 1, 1, 1, 2, 2];
         assert_eq!(settled(&two), two, "two vertebrae in one piece");
         let cloud = FinePoints {
             points: PointSet::default(),

@@ -63,6 +63,8 @@ pub enum Rejection {
     /// All bones together have another shape than the plan's: by how many standard deviations of what noise does, and
     /// by how much they are larger along their left, anterior and up axes.
     BonesDiffer { excess: f64, larger: [f64; 3] },
+    /// One bone has another shape than the plan's, beyond what noise does, or is not where it was put.
+    BoneDiffers { excess: f64, max: f64 },
     /// The camera saw through where the bone would be.
     SeenThrough { share: f64, max: f64 },
     /// The camera saw points behind the bone, which would hide them.
@@ -234,6 +236,11 @@ impl std::fmt::Display for Rejection {
                 100.0 * larger[0],
                 100.0 * larger[1],
                 100.0 * larger[2]
+            ),
+            Self::BoneDiffers { excess, max } => write!(
+                f,
+                "the bone differs from the plan's by {excess:.1} times what noise does (at most {max:.1}): is this the right \
+                 patient and level?"
             ),
             Self::SeenThrough { share, max } => write!(
                 f,

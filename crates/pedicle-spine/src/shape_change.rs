@@ -15,7 +15,7 @@
 //! χ² is judged twice: of every bone by itself, summed, and of one deformation common to all bones, for a person who is
 //! larger is so at every level.
 
-use nalgebra::{DMatrix, DVector, Point3, SMatrix, SVector, Vector3};
+use nalgebra::{DMatrix, Point3, SMatrix, SVector, Vector3};
 use pedicle_trajectory::AnatomicalFrame;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -107,38 +107,45 @@ impl ShapeChange {
         if n < MIN_POINTS || n_drawn == 0 {
             return None;
         }
-        let mut ridge = DVector::zeros(of_points.ncols());
-        ridge
-            .rows_mut(N_FREE, blurred.n_regions())
-            .fill(RIDGE_POINTS);
-        let ridge = DMatrix::from_diagonal(&ridge);
-        let mut information = of_drawn.tr_mul(&of_drawn) * (n as f64 / n_drawn as f64) + &ridge;
-        let mut score: DVector<f64> = of_points.row_sum().transpose();
+        let per_drawn = n as f64 / n_drawn as f64;
+        let n_free = of_points.ncols() - N_MODES;
+        let (free, modes) = (
+            of_drawn.columns(0, n_free),
+            of_drawn.columns_range(n_free..),
+        );
+        let mut information = free.tr_mul(&free) * per_drawn;
+        for r in N_FREE..n_free {
+            information[(r, r)] += RIDGE_POINTS;
+        }
+        // What pose, σ and weights do instead of a deformation is taken out of every row.
+        let instead = information
+            .cholesky()?
+            .solve(&(free.tr_mul(&modes) * per_drawn));
+        let taken_out =
+            |rows: &DMatrix<f64>| rows.columns_range(n_free..) - rows.columns(0, n_free) * &instead;
+        let (of_drawn, of_points) = (taken_out(&of_drawn), taken_out(&of_points));
+        let square = |rows: &DMatrix<f64>| {
+            rows.tr_mul(rows)
+                .fixed_view::<N_MODES, N_MODES>(0, 0)
+                .into_owned()
+        };
+        let information: Information = square(&of_drawn) * per_drawn;
+        let score: Modes = of_points
+            .row_sum()
+            .transpose()
+            .fixed_rows::<N_MODES>(0)
+            .into_owned();
         // Points that lie more densely where they tell more say more than those drawn.
-        let seen = of_points.tr_mul(&of_points) + ridge;
-        let scale = information.clone().cholesky()?.solve(&seen).trace() / score.len() as f64;
+        let seen = square(&of_points);
+        let scale = information.cholesky()?.solve(&seen).trace() / N_MODES as f64;
         // A density that explains the points this badly tells nothing. A NaN does not either.
         if !(0.0..=MAX_SCALE).contains(&scale) {
             return None;
         }
         let scale = if scale > 1.0 { scale } else { 1.0 };
-        information /= scale;
-        score /= scale;
-
-        let n_free = score.len() - N_MODES;
-        let free = information.view((0, 0), (n_free, n_free)).into_owned();
-        let across = information
-            .view((0, n_free), (n_free, N_MODES))
-            .into_owned();
-        let modes = information
-            .fixed_view::<N_MODES, N_MODES>(n_free, n_free)
-            .into_owned();
-        let cholesky = free.cholesky()?;
-        let taken_out = across.tr_mul(&cholesky.solve(&across));
-        let of_free = across.tr_mul(&cholesky.solve(&score.rows(0, n_free)));
         Some(Self {
-            information: modes - taken_out.fixed_view::<N_MODES, N_MODES>(0, 0),
-            score: score.fixed_rows::<N_MODES>(n_free) - of_free.fixed_rows::<N_MODES>(0),
+            information: information / scale,
+            score: score / scale,
         })
     }
 
@@ -164,9 +171,9 @@ impl ShapeChange {
         Some(change.fixed_rows::<3>(0) / LEVER_MM)
     }
 
-    /// Whether χ² can be told.
-    pub(crate) fn is_known(&self) -> bool {
-        self.judged().is_some()
+    /// By how many standard deviations χ² of this bone alone is too large; none if it cannot be told.
+    pub(crate) fn excess(&self) -> Option<f64> {
+        Some(self.judged()?.excess())
     }
 
     /// All bones together that tell anything; none of no bones.
@@ -280,14 +287,22 @@ fn monomials(u: &[f64; 3]) -> [f64; N_FIELDS] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::VerdictOptions;
     use crate::bone::BoneSurface;
     use nalgebra::Isometry3;
-    use pedicle_simulation::{MeshingOptions, PhantomParameters, generate_phantom};
+    use pedicle_simulation::{MeshingOptions, Phantom, PhantomParameters, generate_phantom};
 
-    #[test]
-    fn a_spine_of_another_size_is_told_through_noise_and_the_own_is_not() {
-        let phantom =
-            generate_phantom(&PhantomParameters::default(), &MeshingOptions::default()).unwrap();
+    fn phantom() -> Phantom {
+        generate_phantom(&PhantomParameters::default(), &MeshingOptions::default()).unwrap()
+    }
+
+    /// What noisy points of larger bones say, of those places that are seen, from their centroid in mm.
+    fn spine(
+        phantom: &Phantom,
+        larger: [f64; 3],
+        sigma_mm: f64,
+        is_seen: impl Fn(usize, &Vector3<f64>) -> bool,
+    ) -> Vec<ShapeChange> {
         let pose = Isometry3::new(Vector3::new(5.0, -3.0, 80.0), Vector3::new(0.3, 0.2, -0.4));
         let frame = AnatomicalFrame {
             origin: Point3::origin(),
@@ -295,46 +310,72 @@ mod tests {
             anterior: -Vector3::y(),
             up: Vector3::z(),
         };
-        let sigma_mm = 2.0;
-        let spine = |larger: [f64; 3]| {
-            let scale = Vector3::new(1.0 + larger[0], 1.0 + larger[1], 1.0 + larger[2]);
-            let mut rng = ChaCha8Rng::seed_from_u64(3);
-            let all: Vec<ShapeChange> = phantom
-                .vertebrae
-                .iter()
-                .map(|vertebra| {
-                    let bone = BoneSurface::new(&vertebra.mesh).unwrap();
-                    let center = bone.centroid();
-                    let points: Vec<Point3<f64>> = bone
-                        .spread_points(900)
-                        .into_iter()
-                        .map(|p| {
-                            let noise =
-                                Vector3::from_fn(|_, _| StandardNormal.sample(&mut rng)) * sigma_mm;
-                            pose * (center + (p - center).component_mul(&scale) + noise)
-                        })
-                        .collect();
-                    let area_mm2 = vertebra.mesh.area();
-                    let blurred = BlurredBone::new(&bone, area_mm2, sigma_mm).unwrap();
-                    let fit = blurred.fit(&pose, &points, sigma_mm).unwrap();
-                    ShapeChange::new(&blurred, &frame, &fit, &points).unwrap()
+        let scale = Vector3::new(1.0 + larger[0], 1.0 + larger[1], 1.0 + larger[2]);
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let all = phantom.vertebrae.iter().map(|vertebra| {
+            let bone = BoneSurface::new(&vertebra.mesh).unwrap();
+            let center = bone.centroid();
+            let seen = bone.spread_points(900).into_iter().enumerate();
+            let points: Vec<Point3<f64>> = seen
+                .filter(|(i, p)| is_seen(*i, &(p - center)))
+                .map(|(_, p)| {
+                    let noise = Vector3::from_fn(|_, _| StandardNormal.sample(&mut rng)) * sigma_mm;
+                    pose * (center + (p - center).component_mul(&scale) + noise)
                 })
                 .collect();
-            ShapeChange::of_spine(&all.iter().collect::<Vec<_>>()).unwrap()
-        };
-        let own = spine([0.0; 3]);
-        assert!(own.excess.abs() < 3.0, "{own:?}");
-        let truth = Vector3::new(0.03, -0.02, 0.03);
-        let other = spine(truth.into());
-        assert!(other.excess > 4.0, "{other:?}");
-        assert!(
-            (other.larger - truth).amax() < 0.012,
-            "{:?} for {truth:?}",
-            other.larger
-        );
+            let area_mm2 = vertebra.mesh.area();
+            let blurred = BlurredBone::new(&bone, area_mm2, sigma_mm).unwrap();
+            let fit = blurred.fit(&pose, &points, sigma_mm).unwrap();
+            ShapeChange::new(&blurred, &frame, &fit, &points).unwrap()
+        });
+        all.collect()
+    }
+
+    fn together(all: &[ShapeChange]) -> SpineChange {
+        ShapeChange::of_spine(&all.iter().collect::<Vec<_>>()).unwrap()
+    }
+
+    #[test]
+    fn a_spine_of_another_size_is_told_through_noise_and_the_own_is_not() {
+        let (phantom, limits) = (phantom(), VerdictOptions::default());
+        for sigma_mm in [2.0, 3.0] {
+            let own = spine(&phantom, [0.0; 3], sigma_mm, |_, _| true);
+            let change = together(&own);
+            assert!(change.excess <= limits.max_shape_excess, "{change:?}");
+            assert!(change.shows >= limits.min_shape_shown, "{change:?}");
+            for bone in &own {
+                let excess = bone.excess().unwrap();
+                assert!(excess <= limits.max_shape_excess_of_bone, "{excess}");
+            }
+            let truth = Vector3::new(0.015, -0.01, 0.015) * sigma_mm;
+            let other = together(&spine(&phantom, truth.into(), sigma_mm, |_, _| true));
+            assert!(other.excess > limits.max_shape_excess, "{other:?}");
+            assert!(
+                (other.larger - truth).amax() < 0.012,
+                "{:?} for {truth:?}",
+                other.larger
+            );
+        }
         assert!(
             ShapeChange::of_spine(&[]).is_none(),
             "nothing is known of nothing"
+        );
+    }
+
+    #[test]
+    fn half_a_spine_with_more_points_on_one_side_has_its_own_shape() {
+        let (phantom, limits) = (phantom(), VerdictOptions::default());
+        let is_seen = |i: usize, p: &Vector3<f64>| p.y > -5.0 && (p.x > 0.0 || i % 2 == 0);
+        let own = together(&spine(&phantom, [0.0; 3], 2.0, is_seen));
+        assert!(own.excess <= limits.max_shape_excess, "{own:?}");
+        let other = together(&spine(&phantom, [0.06, -0.04, 0.06], 2.0, is_seen));
+        assert!(other.excess > limits.max_shape_excess, "{other:?}");
+        let less = together(&spine(&phantom, [0.0; 3], 3.0, |i, p| {
+            is_seen(i, p) && i % 4 < 2
+        }));
+        assert!(
+            less.shows < limits.min_shape_shown,
+            "few points at 3 mm do not tell: {less:?}"
         );
     }
 }

@@ -69,6 +69,9 @@ pub struct VertebraTransfer {
     pub explained_share: f64,
     /// Area of its bare bone that a camera saw, mm²; none without a camera.
     pub bare_area_mm2: Option<f64>,
+    /// By how many standard deviations of its χ² the bone's shape differs from the plan's; none where noise hides nothing, before a
+    /// camera and without a fit.
+    pub shape_excess: Option<f64>,
     /// Share of its surface that the target shows.
     pub coverage: f64,
     /// Share of its posterior surface that the target shows.
@@ -100,7 +103,8 @@ pub struct VertebraTransfer {
 }
 
 impl VertebraTransfer {
-    /// What a user must know of a vertebra whether it is accepted or not, as a sentence: that its landmark lies on another one.
+    /// What a user must know of a vertebra whether it is accepted or not, as a sentence: that its landmark lies on another one, or a level
+    /// beyond the end.
     #[must_use]
     pub fn notice(&self) -> Option<String> {
         let level = self.level;

@@ -40,6 +40,22 @@ pub(crate) fn shape_rejection(change: &SpineChange, options: &VerdictOptions) ->
     })
 }
 
+/// The same of one bone by itself.
+pub(crate) fn bone_rejection(
+    excess: Option<f64>,
+    n_points: usize,
+    options: &VerdictOptions,
+) -> Option<Rejection> {
+    let max = options.max_shape_excess_of_bone;
+    match excess {
+        None => Some(Rejection::ShapeUnknown { n_points }),
+        Some(excess) => {
+            let holds = excess <= max;
+            (!holds).then_some(Rejection::BoneDiffers { excess, max })
+        }
+    }
+}
+
 /// The more noise, the less lies clearly behind the bones of another patient: of the limit so much less, 1/mm.
 const FALL_PER_MM: f64 = 0.4;
 /// And never less than this share of it.
