@@ -63,7 +63,8 @@ pub struct VerdictOptions {
     /// Smallest share of the vertebra's target points that the fit explains. Default 0.85.
     pub min_explained_share: f64,
     /// Largest noise of the target surface, as the median bone shows it, mm; a single bone may show 1.1 times as much.
-    /// Default 3.4: beyond that nothing was tried. A noise of 3 mm shows as 2.6 to 3.1.
+    /// Default 2.3: beyond that the shape no longer tells a person from one who is much alike. A noise of 2 mm shows as 1.8 to 2.1,
+    /// one of 3 mm as 2.6 and more.
     pub max_noise_mm: f64,
     /// Largest standard deviation of the vertebra's position in the worst direction, mm. Default
     /// 0.6: more than four of them stay within the published margin of 2.5 mm.
@@ -119,7 +120,7 @@ pub struct VerdictOptions {
     /// The same of one bone by itself. Default 3.
     pub max_shape_excess_of_bone: f64,
     /// The least that bones larger by 2 % must show on average ([`SpineChange::shows`](crate::SpineChange)); other people differ by
-    /// more, and in other ways too. Default 1.9: targets seen whole have as much at 3 mm, of those of which half is seen few do.
+    /// more, and in other ways too. Default 1.9: at 2 mm targets seen whole have 3 and more, of those of which half is seen 2 and more.
     pub min_shape_shown: f64,
     /// Largest noise of what a camera saw, mm. Default 2.2: beyond that nothing was tried.
     pub max_noise_of_camera_mm: f64,
@@ -240,7 +241,7 @@ impl Default for VerdictOptions {
             min_points: 60,
             min_posterior_coverage: 0.35,
             min_explained_share: 0.85,
-            max_noise_mm: 3.4,
+            max_noise_mm: 2.3,
             max_translation_std_mm: 0.6,
             max_rotation_std_rad: 0.027,
             max_translation_std_along_rays_mm: 0.4,

@@ -26,8 +26,7 @@ pub struct TrackerOptions {
     pub max_spine_jump_mm: f64,
     /// A vertebra lost for so many frames is not looked for any more: a new transfer is needed. Default 100.
     pub max_frames_lost: usize,
-    /// What a fit has to show, as in a transfer, but of a target without a camera a noise of 2.3 mm at most: frame by frame the plan,
-    /// landmarks, other poses and the shape of the bones are not asked.
+    /// What a fit has to show, as in a transfer. The plan, landmarks, other poses and the shape of the bones are not asked.
     pub verdict: VerdictOptions,
     /// Seed of the choice of points.
     pub seed: u64,
@@ -46,8 +45,6 @@ impl Default for TrackerOptions {
             // Frames are fitted to the closest places, which tell less of a noisier camera than its rays.
             verdict: VerdictOptions {
                 max_noise_of_camera_mm: 1.5,
-                // Nobody judges the shape frame by frame: no limit but this one tells that noise hides whose bones they are.
-                max_noise_mm: 2.3,
                 max_behind_share: 0.06,
                 ..VerdictOptions::default()
             },
