@@ -54,6 +54,7 @@ mod cell_grid;
 mod chain;
 mod closest_on_triangle;
 mod conclusion;
+mod deformation;
 mod enlarged;
 mod error;
 mod evidence;

@@ -120,7 +120,8 @@ pub struct VerdictOptions {
     /// The same of one bone by itself. Default 3.
     pub max_shape_excess_of_bone: f64,
     /// The least that bones larger by 2 % must show on average ([`SpineChange::shows`](crate::SpineChange)); other people differ by
-    /// more, and in other ways too. Default 1.9: at 2 mm targets seen whole have 3 and more, of those of which half is seen 2 and more.
+    /// more, and in other ways too. Default 1.9: at 2 mm targets seen whole have 3 and more, of those
+    /// of which half is seen most have 2 and more.
     pub min_shape_shown: f64,
     /// Largest noise of what a camera saw, mm. Default 2.2: beyond that nothing was tried.
     pub max_noise_of_camera_mm: f64,

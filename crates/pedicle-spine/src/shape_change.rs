@@ -21,18 +21,12 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use crate::blurred_bone::{Blur, BlurredBone, N_FREE, RIDGE_POINTS};
+use crate::blurred_bone::{BlurredBone, N_FREE, RIDGE_POINTS};
 use crate::blurred_fit::BlurredFit;
+use crate::deformation::{LEVER_MM, N_LINEAR, N_MODES, rows};
 
 /// From this noise on the bones' shape is judged, mm: it hides what tells one person's bones from another's.
 pub(crate) const SHAPE_FROM_MM: f64 = 1.25;
-/// Numbers of a deformation: of stretch and shear, of quadratic, and of cubic fields.
-const N_LINEAR: usize = 6;
-const N_MODES: usize = N_LINEAR + 18 + 30;
-/// Linear, quadratic and cubic monomials of a place.
-const N_FIELDS: usize = 3 + 6 + 10;
-/// Length by which places are divided: all numbers of a deformation are lengths then, mm.
-const LEVER_MM: f64 = 25.0;
 /// Prior deviation of every number of a deformation, mm.
 const PRIOR_MM: f64 = 1.5;
 /// Targets' points are not spread evenly over the bone, and not so in the same way on all bones: the excess of one common deformation
@@ -208,80 +202,6 @@ impl ShapeChange {
             larger: common.stretch()?,
         })
     }
-}
-
-/// A row a point that lies near a place: the derivatives of its log density by the change of pose, σ, the weights of the regions
-/// and the deformation, in the source frame.
-fn rows(
-    blurred: &BlurredBone,
-    frame: &AnatomicalFrame,
-    blur: &Blur,
-    points: Vec<Point3<f64>>,
-) -> DMatrix<f64> {
-    let expected = blurred.expected(blur);
-    let n_columns = N_FREE + expected.len() + N_MODES;
-    let variance = blur.sigma_mm * blur.sigma_mm;
-    let fields: Vec<[f64; N_FIELDS]> = blurred
-        .places
-        .iter()
-        .map(|place| monomials(&lever(blurred, frame, place)))
-        .collect();
-    let mut all = Vec::with_capacity(points.len() * n_columns);
-    let n_rows = blurred.each_said(points, blur, |said| {
-        let start = all.len();
-        all.extend(said.free.iter());
-        all.extend(expected.iter().map(|e| -e));
-        blurred.add_regions(said.shown, &mut all[start + N_FREE..]);
-        // Moving a place by a field moves the density with it: the noise (x - s) / σ² along the field.
-        let mut by_field = SMatrix::<f64, 3, N_FIELDS>::zeros();
-        for &(j, r) in said.shown {
-            let away = (said.point - blurred.places[j as usize]) * (r / variance);
-            let along = [frame.left, frame.anterior, frame.up].map(|axis| axis.dot(&away));
-            for (column, field) in fields[j as usize].iter().enumerate() {
-                for (i, along) in along.into_iter().enumerate() {
-                    by_field[(i, column)] += along * field;
-                }
-            }
-        }
-        // Of the linear fields what turns is part of the pose.
-        all.extend((0..3).map(|k| by_field[(k, k)]));
-        let shears = [(0, 1), (0, 2), (1, 2)];
-        all.extend(shears.map(|(i, k)| by_field[(i, k)] + by_field[(k, i)]));
-        all.extend(by_field.columns(3, N_FIELDS - 3).iter());
-    });
-    DMatrix::from_row_slice(n_rows, n_columns, &all)
-}
-
-/// A place from the centre of the bone along the axes of the vertebra, in levers.
-fn lever(blurred: &BlurredBone, frame: &AnatomicalFrame, place: &Point3<f64>) -> [f64; 3] {
-    let from_center = (place - blurred.center) / LEVER_MM;
-    [frame.left, frame.anterior, frame.up].map(|axis| axis.dot(&from_center))
-}
-
-/// All products of one, two and three coordinates.
-fn monomials(u: &[f64; 3]) -> [f64; N_FIELDS] {
-    let [x, y, z] = *u;
-    [
-        x,
-        y,
-        z,
-        x * x,
-        x * y,
-        x * z,
-        y * y,
-        y * z,
-        z * z,
-        x * x * x,
-        x * x * y,
-        x * x * z,
-        x * y * y,
-        x * y * z,
-        x * z * z,
-        y * y * y,
-        y * y * z,
-        y * z * z,
-        z * z * z,
-    ]
 }
 
 #[cfg(test)]
