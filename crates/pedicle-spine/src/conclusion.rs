@@ -99,12 +99,9 @@ impl Conclusion<'_> {
             vertebra.reasons.extend(differs.clone());
             vertebra.reasons.extend(behind.clone());
             if self.fit.needs_shape {
-                let own = bone_rejection(vertebra.shape_excess, vertebra.n_points, options);
+                let excess = vertebra.shape_excess.filter(|_| shows);
+                let own = bone_rejection(excess, vertebra.n_points, options);
                 vertebra.reasons.extend(own);
-                if !shows {
-                    let n_points = vertebra.n_points;
-                    vertebra.reasons.push(Rejection::ShapeUnknown { n_points });
-                }
             }
             vertebra.accepted = vertebra.reasons.is_empty();
         }

@@ -285,7 +285,7 @@ mod tests {
     #[test]
     fn half_a_spine_with_more_points_on_one_side_has_its_own_shape() {
         let (phantom, limits) = (phantom(), VerdictOptions::default());
-        let is_seen = |i: usize, p: &Vector3<f64>| p.y > -5.0 && (p.x > 0.0 || i % 2 == 0);
+        let is_seen = |i: usize, p: &Vector3<f64>| p.y > -5.0 && (p.x > 0.0 || i.is_multiple_of(2));
         let own = together(&spine(&phantom, [0.0; 3], 2.0, is_seen));
         assert!(own.excess <= limits.max_shape_excess, "{own:?}");
         let other = together(&spine(&phantom, [0.06, -0.04, 0.06], 2.0, is_seen));

@@ -40,7 +40,7 @@ pub(crate) fn shape_rejection(change: &SpineChange, options: &VerdictOptions) ->
     })
 }
 
-/// The same of one bone by itself.
+/// The same of one bone by itself, if anything is known of its shape.
 pub(crate) fn bone_rejection(
     excess: Option<f64>,
     n_points: usize,
@@ -110,6 +110,21 @@ pub(crate) fn chain_rejections(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_bone_of_another_shape_or_of_none_that_is_known_is_refused() {
+        let judged = |excess| {
+            let found = bone_rejection(excess, 200, &VerdictOptions::default());
+            found.map(|reason| reason.to_string())
+        };
+        assert_eq!(judged(Some(-1.0)), None);
+        assert_eq!(judged(Some(2.9)), None);
+        let other = judged(Some(3.2)).unwrap_or_default();
+        assert!(other.contains("3.2 times what noise does"), "{other}");
+        assert!(judged(Some(f64::NAN)).is_some(), "a NaN never holds");
+        let unknown = judged(None).unwrap_or_default();
+        assert!(unknown.contains("200 points do not tell"), "{unknown}");
+    }
 
     #[test]
     fn the_chain_names_the_neighbour() {
