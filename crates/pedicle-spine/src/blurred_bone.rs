@@ -23,7 +23,7 @@ use crate::local_shape::tree_of;
 
 /// From this noise on points are fitted to the density, mm: below, the closest places tell as much.
 pub(crate) const BLURRED_FROM_MM: f64 = 0.75;
-/// More points fix a pose by their closest places just as well, and take long.
+/// No more points than these are fitted to the density, which takes long.
 pub(crate) const MAX_POINTS: usize = 1500;
 /// Places of the surface lie this many σ apart, and there are no fewer or more than so many.
 const SPACING_IN_SIGMA: f64 = 1.0;

@@ -27,8 +27,8 @@ pub(crate) struct Likeliest {
     pub(crate) is_pose: bool,
 }
 
-/// Puts the likeliest pose of noisy points in the place of the fit to the closest places, unless there are enough points for
-/// that, and their noise; and what they say of the bone's shape.
+/// Puts the likeliest pose of noisy points in the place of the fit to the closest places, unless these do as well, and their noise; and
+/// tells what they say of the bone's shape.
 pub(crate) fn likeliest_pose(
     vertebra: &Vertebra,
     points: &[Point3<f64>],
@@ -66,4 +66,65 @@ fn rms_distance_mm(bone: &BoneSurface, pose: &Isometry3<f64>, points: &[Point3<f
         .iter()
         .map(|p| bone.closest(&(inverse * p)).distance_mm.powi(2));
     (squares.sum::<f64>() / points.len() as f64).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{MapOptions, SourceVertebra, SpineModel};
+    use nalgebra::Vector3;
+    use pedicle_registration::{RefineOptions, refine_on_surface};
+    use pedicle_simulation::{MeshingOptions, PhantomParameters, generate_phantom};
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    #[test]
+    fn the_closest_places_of_many_points_count_until_noise_is_too_much_for_them() {
+        let phantom =
+            generate_phantom(&PhantomParameters::default(), &MeshingOptions::default()).unwrap();
+        let source = phantom.vertebrae.iter().map(|v| SourceVertebra {
+            level: v.level,
+            surface: v.mesh.clone(),
+        });
+        let landmarks = phantom.landmarks();
+        let model = SpineModel::new(source.collect(), &landmarks, &MapOptions::default()).unwrap();
+        let vertebra = &model.vertebrae[2];
+        let truth = Isometry3::new(Vector3::new(4.0, 60.0, -9.0), Vector3::new(0.2, -0.4, 0.3));
+        let judged = |n_points: usize, sigma_mm: f64| {
+            let mut rng = ChaCha8Rng::seed_from_u64(5);
+            let points: Vec<Point3<f64>> = vertebra
+                .bone
+                .spread_points(n_points)
+                .into_iter()
+                .map(|p| {
+                    let noise = Vector3::from_fn(|_, _| StandardNormal.sample(&mut rng));
+                    truth * (p + noise * sigma_mm)
+                })
+                .collect();
+            let options = RefineOptions {
+                max_distance_mm: 10.0,
+                start_distance_mm: None,
+                ..RefineOptions::default()
+            };
+            let closest = refine_on_surface(&vertebra.bone, &points, &truth, &options).unwrap();
+            let (mut fit, mut pose) = (Some(closest.clone()), closest.target_from_source);
+            let found = likeliest_pose(vertebra, &points, (&mut fit, &mut pose), false).unwrap();
+            let fit = fit.unwrap();
+            assert!(found.shape.is_none(), "not asked for");
+            assert!((fit.noise_mm - sigma_mm).abs() < 0.1, "{}", fit.noise_mm);
+            assert_eq!(fit.target_from_source, pose);
+            assert_eq!(found.is_pose, pose != closest.target_from_source);
+            let squared = fit.covariance.normalized_error_squared(&pose, &truth);
+            (found.is_pose, squared.unwrap() / 6.0)
+        };
+        assert!(judged(600, 1.5).0, "few points");
+        assert!(!judged(4000, 1.5).0, "many points");
+        let (is_pose, squared) = judged(4000, 2.3);
+        assert!(is_pose, "many points and much noise");
+        assert!(
+            squared < 2.8,
+            "χ² of 6 over 6 is {squared}: above 2.8 once in 100"
+        );
+    }
 }

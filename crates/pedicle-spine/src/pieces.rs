@@ -3,8 +3,8 @@
 use crate::points::PointSet;
 use crate::scoring::UNASSIGNED;
 
-/// A loose piece belongs to one vertebra if this share of its points does: at a noise of 2 mm a fifth of a vertebra whose joints touch the
-/// neighbours is nearer to those, and a piece of two vertebrae is not so unequal.
+/// A loose piece belongs to one vertebra if this share of its points does: at a noise of 2 mm more than a tenth of a vertebra whose joints touch
+/// the neighbours may be nearer to those, and a piece of two vertebrae is not so unequal.
 const PIECE_MAJORITY: f64 = 0.67;
 /// And no other vertebra has more than this share: the two neighbours share what lies at the joints.
 const MOST_OF_ANOTHER: f64 = 0.25;

@@ -73,6 +73,7 @@ fn a_bone_of_noise_is_not_accepted() {
 
 #[test]
 fn landmarks_one_level_off_never_lead_to_a_false_accept() {
+    let mut n_beyond = 0;
     for deformation in Deformation::ALL {
         let simulated = simulated(deformation, 0.5, 13);
         let given = &simulated.target_landmarks.landmarks;
@@ -108,6 +109,8 @@ fn landmarks_one_level_off_never_lead_to_a_false_accept() {
                 found.vertebrae.iter().any(|v| told(&v)),
                 "{deformation}: no wrong name is told"
             );
+            let beyond = |v: &&VertebraTransfer| v.accepted && v.landmark_lies_beyond;
+            n_beyond += found.vertebrae.iter().filter(beyond).count();
             let max_mm = VerdictOptions::default().max_landmark_distance_mm;
             let far = |v: &&VertebraTransfer| v.accepted && v.landmark_distance_mm > max_mm;
             assert!(
@@ -116,6 +119,10 @@ fn landmarks_one_level_off_never_lead_to_a_false_accept() {
             );
         }
     }
+    assert!(
+        n_beyond > 0,
+        "nowhere is a vertebra accepted whose landmark lies a level beyond the end"
+    );
 }
 
 #[test]
