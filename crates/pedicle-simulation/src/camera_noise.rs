@@ -1,11 +1,11 @@
 //! Laws of a depth camera's noise.
 //!
 //! ```text
-//! even: e = σ g ε     grazing: e = σ g ε / max(cos θ, 0.2)     smooth: as grazing, ε ← k * ε / |k|
+//! even: e = σ g ε     grazing: e = σ g ε / max(cos θ, 0.2)     smooth, broad: as grazing, ε ← k * ε / |k|
 //! ```
 //!
 //! e is the error of the range along the ray, ε white noise of variance 1, g the growth with distance, θ the angle between ray and
-//! normal, k a binomial kernel of 3 × 3 pixels.
+//! normal, k a binomial kernel of 3 × 3 or 5 × 5 pixels.
 
 /// How the errors of a camera's pixels behave. The suites have [`CameraNoise::Grazing`]; what a method makes of the others tells
 /// how much of its figures it owes to that law.
@@ -19,6 +19,8 @@ pub enum CameraNoise {
     /// Larger where the surface is steep; neighbouring pixels err alike (correlation 2/3), as those of cameras that compare
     /// windows do.
     Smooth,
+    /// The same over more pixels (correlation 4/5).
+    Broad,
 }
 
 impl std::fmt::Display for CameraNoise {
@@ -27,38 +29,45 @@ impl std::fmt::Display for CameraNoise {
             Self::Grazing => "grazing",
             Self::Even => "even",
             Self::Smooth => "smooth",
+            Self::Broad => "broad",
         })
     }
 }
 
 /// Grazing rays are no noisier than at this cosine.
 const LEAST_COSINE: f64 = 0.2;
-/// The binomial kernel along a row or a column.
-const KERNEL: [f64; 3] = [0.25, 0.5, 0.25];
+/// The binomial kernels along a row or a column.
+const SMOOTH: [f64; 3] = [0.25, 0.5, 0.25];
+const BROAD: [f64; 5] = [0.0625, 0.25, 0.375, 0.25, 0.0625];
 
 impl CameraNoise {
     /// What the error of a ray along the normal is divided by.
     pub(crate) fn steepness(self, cosine: f64) -> f64 {
         match self {
             Self::Even => 1.0,
-            Self::Grazing | Self::Smooth if cosine > LEAST_COSINE => cosine,
-            Self::Grazing | Self::Smooth => LEAST_COSINE,
+            _ if cosine > LEAST_COSINE => cosine,
+            _ => LEAST_COSINE,
         }
     }
 
-    /// Errors of an image row by row, with the same variance in its middle.
-    pub(crate) fn errors(self, white: Vec<f64>, [width, height]: [usize; 2]) -> Vec<f64> {
-        if self != Self::Smooth {
-            return white;
-        }
-        let norm: f64 = KERNEL.iter().map(|k| k * k).sum();
+    /// Errors along the rays of an image of `[width, height]` pixels, row by row, made of as many independent ones: with the same variance
+    /// in its middle. All of them are returned as they are where pixels err independently.
+    #[must_use]
+    pub fn errors(self, white: Vec<f64>, [width, height]: [usize; 2]) -> Vec<f64> {
+        let kernel: &[f64] = match self {
+            Self::Even | Self::Grazing => return white,
+            Self::Smooth => &SMOOTH,
+            Self::Broad => &BROAD,
+        };
+        let reach = kernel.len() / 2;
+        let norm: f64 = kernel.iter().map(|k| k * k).sum();
         let at = |x: usize, y: usize| {
             let mut sum = 0.0;
-            for (j, ky) in KERNEL.into_iter().enumerate() {
-                for (i, kx) in KERNEL.into_iter().enumerate() {
+            for (j, ky) in kernel.iter().enumerate() {
+                for (i, kx) in kernel.iter().enumerate() {
                     // Beyond the edge the pixels of the edge count again.
-                    let x = (x + i).saturating_sub(1).min(width - 1);
-                    let y = (y + j).saturating_sub(1).min(height - 1);
+                    let x = (x + i).saturating_sub(reach).min(width - 1);
+                    let y = (y + j).saturating_sub(reach).min(height - 1);
                     sum += kx * ky * white[y * width + x];
                 }
             }
@@ -84,12 +93,14 @@ mod tests {
         let white: Vec<f64> = (0..3000).map(|_| StandardNormal.sample(&mut rng)).collect();
         let same = CameraNoise::Grazing.errors(white.clone(), size);
         assert_eq!(same, white);
-        let smooth = CameraNoise::Smooth.errors(white, size);
-        let variance = smooth.iter().map(|e| e * e).sum::<f64>() / 3000.0;
-        assert!((variance - 1.0).abs() < 0.15, "variance {variance}");
-        let pairs = smooth.windows(2).map(|pair| pair[0] * pair[1]);
-        let correlation = pairs.sum::<f64>() / 2999.0 / variance;
-        assert!((correlation - 2.0 / 3.0).abs() < 0.1, "{correlation}");
+        for (law, expected) in [(CameraNoise::Smooth, 2.0 / 3.0), (CameraNoise::Broad, 0.8)] {
+            let smooth = law.errors(white.clone(), size);
+            let variance = smooth.iter().map(|e| e * e).sum::<f64>() / 3000.0;
+            assert!((variance - 1.0).abs() < 0.2, "{law}: variance {variance}");
+            let pairs = smooth.windows(2).map(|pair| pair[0] * pair[1]);
+            let correlation = pairs.sum::<f64>() / 2999.0 / variance;
+            assert!((correlation - expected).abs() < 0.1, "{law}: {correlation}");
+        }
     }
 
     #[test]

@@ -9,6 +9,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use pedicle_registration::{PoseCovariance, Refinement, pose_difference};
 use rayon::prelude::*;
 
+use crate::errs_alike::ErrsAlike;
 use crate::local_shape::PointArea;
 use crate::model::Vertebra;
 use crate::scoring::points_of;
@@ -26,6 +27,8 @@ pub(crate) struct CameraView<'a> {
     pub(crate) patches: &'a [Vec<u32>],
     /// Of the sensor along the normals, mm.
     pub(crate) noise_mm: f64,
+    /// How far neighbouring pixels err alike.
+    pub(crate) alike: ErrsAlike,
 }
 
 /// What a camera says of a bone in its pose.
@@ -251,6 +254,7 @@ mod tests {
                 normals: &picture.normals,
                 patches: &picture.patches,
                 noise_mm: picture.noise_mm,
+                alike: picture.alike,
             }
         }
 

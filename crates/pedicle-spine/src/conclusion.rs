@@ -105,6 +105,7 @@ impl Conclusion<'_> {
             }
             vertebra.accepted = vertebra.reasons.is_empty();
         }
+        self.outweigh(&mut vertebrae, &names, options);
         vertebrae
     }
 
@@ -184,6 +185,7 @@ impl Conclusion<'_> {
             level: vertebra.level,
             accepted: false,
             reasons: rejections(&evidence, options),
+            doubts: Vec::new(),
             target_from_source: pose,
             residual_mm: fit.refinement.as_ref().map_or(f64::NAN, |r| r.rmse_mm),
             noise_mm: evidence.noise_mm,

@@ -195,7 +195,7 @@ pub(crate) fn finish(
             let misfit = match sensor.view_of(&target.points.positions) {
                 Some(view) => {
                     let sight = SeenBone::of(vertebra).before(view.camera_mm, &poses[v]);
-                    misfit_along_rays(&sight, &own, gate_mm)?
+                    misfit_along_rays(&sight, &own, gate_mm, (view.noise_mm, view.alike))?
                 }
                 None => misfit(&vertebra.bone, &poses[v], &own, gate_mm, believable_mm)?,
             };

@@ -13,6 +13,7 @@ use kiddo::ImmutableKdTree;
 use nalgebra::{Matrix3, Matrix6, Point3, Vector3, Vector6};
 use rayon::prelude::*;
 
+use crate::errs_alike::{ErrsAlike, Patch};
 use crate::free_space::image_axes;
 use crate::local_shape::{Local, PATCH_NEIGHBORS, PointArea, patch_of, tree_of};
 use crate::verdict_noise::median;
@@ -39,9 +40,6 @@ struct Picture {
     rays: Vec<Vector3<f64>>,
     tree: ImmutableKdTree<f64, 3>,
 }
-
-/// What is around a point: places relative to it and ranges.
-type Patch = Vec<(f64, f64, f64)>;
 
 impl Picture {
     /// None without points in front of the camera.
@@ -151,8 +149,14 @@ pub(crate) fn image_shape(
         .step_by(stride)
         .filter_map(|p| picture.noise_mm(p, &patches[p]))
         .collect();
+    let around: Vec<Patch> = (0..points.len())
+        .step_by(stride)
+        .map(|p| picture.around(p, &patches[p]))
+        .collect();
+    let alike = ErrsAlike::of_patches(&around);
     Ok(Some(Local {
-        noise_mm: median(noise),
+        noise_mm: alike.noise_ratio * median(noise),
+        alike,
         area_of_point: PointArea {
             mm2: std::f64::consts::PI * radius_mm * radius_mm / PATCH_NEIGHBORS as f64,
             depth_mm: picture.depth_mm,

@@ -16,6 +16,7 @@ use nalgebra::{Matrix3, Matrix6, Point3, Vector3, Vector6};
 use rayon::prelude::*;
 
 use crate::SpineError;
+use crate::errs_alike::ErrsAlike;
 use crate::points::PointSet;
 use crate::verdict_noise::median;
 
@@ -103,6 +104,8 @@ pub(crate) struct Local {
     /// Median over samples of the deviation of a patch from its own best quadric
     /// z = a + bx + cy + dx² + exy + fy², corrected for its six unknowns.
     pub(crate) noise_mm: f64,
+    /// How far neighbours err alike; independent where no picture tells.
+    pub(crate) alike: ErrsAlike,
     pub(crate) normals: Vec<Vector3<f64>>,
     pub(crate) patches: Vec<Vec<u32>>,
     pub(crate) area_of_point: PointArea,
@@ -188,6 +191,7 @@ pub(crate) fn local_shape(
         })
         .unzip();
     Ok(Some(Local {
+        alike: ErrsAlike::INDEPENDENT,
         noise_mm,
         normals,
         patches,

@@ -19,6 +19,7 @@ use pedicle_registration::ReferenceSurface;
 
 use crate::SpineError;
 use crate::bone::BoneSurface;
+use crate::errs_alike::{ErrsAlike, correlation};
 use crate::local_shape::tree_of;
 use crate::seen_bone::Sight;
 
@@ -142,7 +143,7 @@ pub(crate) fn misfit(
         })
         .collect();
     let by_curvature = CURVATURE_PER_MM * noise_mm * noise_mm;
-    compared(within, by_curvature * by_curvature)
+    compared(within, |_, _| by_curvature * by_curvature)
 }
 
 /// The same of what a camera saw, by distances along its rays: noise leaves no bumps there.
@@ -150,6 +151,7 @@ pub(crate) fn misfit_along_rays(
     sight: &Sight<'_>,
     points: &[Point3<f64>],
     gate_mm: f64,
+    (noise_mm, alike): (f64, ErrsAlike),
 ) -> Result<Misfit, SpineError> {
     let within = points
         .iter()
@@ -162,10 +164,32 @@ pub(crate) fn misfit_along_rays(
             })
         })
         .collect();
-    compared(within, 0.0)
+    let ErrsAlike {
+        length_mm, n_alike, ..
+    } = alike;
+    let alike = |a: &OnBone, b: &OnBone| correlation(sight.apart_mm(&a.point, &b.point), length_mm);
+    let found = compared(within, |within, pairs| {
+        if length_mm == 0.0 {
+            return 0.0;
+        }
+        let n: usize = pairs.iter().map(Vec::len).sum();
+        let all = within.iter().zip(pairs);
+        let sum: f64 = all
+            .flat_map(|(a, others)| others.iter().map(move |&j| alike(a, &within[j])))
+            .sum();
+        noise_mm * noise_mm * sum / n as f64
+    })?;
+    Ok(Misfit {
+        deviation_mm2: n_alike * found.deviation_mm2,
+        ..found
+    })
 }
 
-fn compared(mut within: Vec<OnBone>, by_noise_mm2: f64) -> Result<Misfit, SpineError> {
+/// With m² of noise alone for some points and the pairs of them, mm².
+fn compared(
+    mut within: Vec<OnBone>,
+    by_noise: impl Fn(&[OnBone], &[Vec<usize>]) -> f64,
+) -> Result<Misfit, SpineError> {
     let stride = within.len().div_ceil(MAX_POINTS).max(1);
     if stride > 1 {
         within = within.into_iter().step_by(stride).collect();
@@ -184,7 +208,7 @@ fn compared(mut within: Vec<OnBone>, by_noise_mm2: f64) -> Result<Misfit, SpineE
 
     Ok(Misfit {
         covariance_mm2,
-        by_noise_mm2,
+        by_noise_mm2: by_noise(&within, &pairs),
         deviation_mm2: variance / (n_pairs as f64).sqrt(),
         // Of the points that were thinned out every one has as many pairs again.
         pairs_over_variance: if variance > 0.0 {

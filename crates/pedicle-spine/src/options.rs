@@ -3,7 +3,7 @@
 use pedicle_fmap::{BcicpOptions, EnergyWeights, ZoomOutOptions};
 use pedicle_registration::MsacOptions;
 
-use crate::SpineError;
+use crate::{LoneDoubtOptions, SpineError};
 
 /// Settings of the functional map between the spines.
 #[derive(Debug, Clone, PartialEq)]
@@ -143,6 +143,8 @@ pub struct VerdictOptions {
     /// Least area of bare bone of a vertebra that a camera must have seen, mm². Default 400: half of the
     /// wrong poses among tissue have less, and few right ones.
     pub min_bare_area_mm2: f64,
+    /// When a single small doubt about a vertebra that a camera saw is outweighed by the other vertebrae.
+    pub lone_doubt: LoneDoubtOptions,
 }
 
 /// Settings of a transfer; those of the map belong to the [`SpineModel`](crate::SpineModel).
@@ -271,6 +273,7 @@ impl Default for VerdictOptions {
             min_alternative_margin: 0.08,
             min_alternative_margin_of_camera: 0.15,
             min_bare_area_mm2: 400.0,
+            lone_doubt: LoneDoubtOptions::default(),
         }
     }
 }

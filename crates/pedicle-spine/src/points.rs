@@ -5,6 +5,7 @@ use rand::seq::index;
 use rand_chacha::ChaCha8Rng;
 
 use crate::SensorView;
+use crate::errs_alike::ErrsAlike;
 
 /// Least cosine between the normal of a target point and the normal of the bone it lies on: within
 /// 53°, wide enough for noisy normals and rounded edges. Soft tissue lies across the bone as often as
@@ -23,6 +24,8 @@ pub(crate) struct PointSet {
     /// The points nearest to each, itself among them; none at all where there are no normals, and
     /// none of points that were thinned out.
     pub(crate) patches: Vec<Vec<u32>>,
+    /// How far neighbours in the picture err alike.
+    pub(crate) alike: ErrsAlike,
 }
 
 impl PointSet {
@@ -77,6 +80,7 @@ impl PointSet {
                 .step_by(stride)
                 .map(|patch| patch.iter().filter_map(|&p| place(p)).collect())
                 .collect(),
+            alike: self.alike.every(stride),
         }
     }
 
@@ -97,6 +101,7 @@ impl PointSet {
             normals,
             is_oriented: self.is_oriented,
             patches: Vec::new(),
+            alike: self.alike,
         }
     }
 }
@@ -114,6 +119,7 @@ mod tests {
             normals: vec![Vector3::z(); 8],
             is_oriented: true,
             patches: (0..8).map(|i| vec![i, (i + 1) % 8, (i + 3) % 8]).collect(),
+            alike: ErrsAlike::INDEPENDENT,
         };
         let few = all.every(3);
         let x: Vec<f64> = few.positions.iter().map(|p| p.x).collect();

@@ -8,6 +8,7 @@ use pedicle_trajectory::Level;
 use rand::seq::index;
 use rand_chacha::ChaCha8Rng;
 
+use crate::errs_alike::ErrsAlike;
 use crate::image_shape::image_shape;
 use crate::local_shape::{Local, local_shape, not_alone};
 use crate::map_shape::clean;
@@ -81,11 +82,22 @@ pub(crate) fn prepare(
         (Some(view), Some(_)) => image_shape(positions, view, LARGEST_PATCH_MM)?,
         _ => None,
     };
-    let sensor_noise_mm = local.as_ref().map(|local| local.noise_mm);
+    // Neighbours in space err alike even more than those in the picture.
+    let alike = picture
+        .as_ref()
+        .map(|picture| picture.alike)
+        .unwrap_or_default();
+    let told_by = if alike == ErrsAlike::INDEPENDENT {
+        &local
+    } else {
+        &picture
+    };
+    let sensor_noise_mm = told_by.as_ref().map(|local| local.noise_mm);
     if let Some(local) = local {
         let points = &mut fine.points;
         points.normals = local.normals;
         points.patches = local.patches;
+        points.alike = alike;
         if let Some(view) = &target.view {
             points.turn_towards(view);
         }

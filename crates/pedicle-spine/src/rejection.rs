@@ -39,7 +39,11 @@ pub enum Rejection {
     /// Its points are noisier than those of the other vertebrae: it may be another vertebra.
     NoisierThanOthers { noise_mm: f64, others_mm: f64 },
     /// Its points lie farther from its surface than the sensor errs: some of them are not bone.
-    NoisierThanSensor { noise_mm: f64, sensor_mm: f64 },
+    NoisierThanSensor {
+        noise_mm: f64,
+        max_mm: f64,
+        sensor_mm: f64,
+    },
     /// A part of the target belongs to no vertebra: the levels may be shifted.
     UnexplainedSurface { share: f64, max: f64 },
     /// With all levels shifted by one the target is explained as well.
@@ -175,11 +179,12 @@ impl std::fmt::Display for Rejection {
             ),
             Self::NoisierThanSensor {
                 noise_mm,
+                max_mm,
                 sensor_mm,
             } => write!(
                 f,
-                "its points lie {noise_mm:.2} mm off its surface, but the sensor errs by {sensor_mm:.2} mm \
-                 only: soft tissue may have been taken for bone"
+                "its points lie {noise_mm:.2} mm off its surface (at most {max_mm:.2} mm), but the sensor errs by \
+                 {sensor_mm:.2} mm only: soft tissue may have been taken for bone"
             ),
             Self::UnexplainedSurface { share, max } => write!(
                 f,

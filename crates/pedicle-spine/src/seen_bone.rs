@@ -68,6 +68,12 @@ impl<'a> SeenBone<'a> {
 }
 
 impl Sight<'_> {
+    /// How far two places of the bone lie apart as the camera sees it: across the ray to the first.
+    pub(crate) fn apart_mm(&self, a: &Point3<f64>, b: &Point3<f64>) -> f64 {
+        let ray = (a - self.camera).normalize();
+        (b - a).cross(&ray).norm()
+    }
+
     /// Where the ray of a measured point of the target frame meets the bone; none if it passes it, meets it too steeply or
     /// farther from the point than `reach_mm`.
     pub(crate) fn hit(&self, point: &Point3<f64>, reach_mm: f64) -> Option<RayHit> {

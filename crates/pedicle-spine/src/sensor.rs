@@ -38,6 +38,7 @@ impl<'a> Sensor<'a> {
             normals: &picture.normals,
             patches: &picture.patches,
             noise_mm: picture.noise_mm,
+            alike: picture.alike,
         })
     }
 

@@ -136,9 +136,10 @@ impl TissueMixture<'_> {
         for _ in 0..=MAX_STEPS {
             let seen = self.look(&pose);
             let means = patch_means(&seen, &patches);
-            let (weights, _) = state.weighed(&seen, &means);
+            let n_alike = self.view.alike.n_alike;
+            let (weights, _) = state.weighed(&seen, &means, n_alike);
             state = self.state_of(&seen, &weights);
-            let (weights, log_likelihood) = state.weighed(&seen, &means);
+            let (weights, log_likelihood) = state.weighed(&seen, &means, n_alike);
             state = self.state_of(&seen, &weights);
             if best
                 .as_ref()
@@ -178,7 +179,7 @@ impl TissueMixture<'_> {
         MixtureFit {
             target_from_source: at.pose,
             noise_mm: weighted_noise_mm(&at.seen, &at.weights),
-            behind_share: behind_share(at.means.into_iter().flatten(), noise_mm),
+            behind_share: self.share_behind(&at.means, noise_mm),
             covariance: covariance(&at.seen, &at.weights, at.noise_mm, &center),
             weights: at.weights,
         }
@@ -212,7 +213,13 @@ impl TissueMixture<'_> {
     /// Of the points that lie on the bone in a pose or behind it the share behind.
     pub(crate) fn behind_share(&self, pose: &Isometry3<f64>) -> f64 {
         let means = patch_means(&self.look(pose), &self.patches());
-        behind_share(means.into_iter().flatten(), self.sensor_mm())
+        self.share_behind(&means, self.sensor_mm())
+    }
+
+    fn share_behind(&self, means: &[Option<(f64, f64)>], noise_mm: f64) -> f64 {
+        let n_alike = self.view.alike.n_alike;
+        let told = means.iter().flatten();
+        behind_share(told.map(|&(mean, n)| (mean, n_told(n, n_alike))), noise_mm)
     }
 
     /// The pose that robust weights lead to where nearly all points are bone.
@@ -302,7 +309,12 @@ struct State {
 
 impl State {
     /// w of every point and the likelihood of all patches.
-    fn weighed(&self, seen: &[Seen], means: &[Option<(f64, f64)>]) -> (Vec<f64>, f64) {
+    fn weighed(
+        &self,
+        seen: &[Seen],
+        means: &[Option<(f64, f64)>],
+        n_alike: f64,
+    ) -> (Vec<f64>, f64) {
         let farthest_mm = FRONT_FLOOR_MM + FRONT_IN_SIGMA * self.noise_mm;
         let mut log_likelihood = 0.0;
         let weights = seen
@@ -313,7 +325,7 @@ impl State {
                     log_likelihood += ELSEWHERE.ln() / PATCH_POINTS;
                     return 0.0;
                 };
-                let scatter_mm = scatter_mm(self.noise_mm, *n);
+                let scatter_mm = scatter_mm(self.noise_mm, n_told(*n, n_alike));
                 let bone = self.share * density(u / scatter_mm) / scatter_mm;
                 let all = bone + (1.0 - self.share) * tissue(*u, scatter_mm);
                 log_likelihood += all.ln() / n;
@@ -322,6 +334,12 @@ impl State {
             .collect();
         (weights, log_likelihood)
     }
+}
+
+/// As how many independent points n of a patch tell.
+fn n_told(n: f64, n_alike: f64) -> f64 {
+    let told = n / n_alike;
+    if told > 1.0 { told } else { 1.0 }
 }
 
 /// s of a patch of n points.

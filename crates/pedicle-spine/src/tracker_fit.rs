@@ -289,6 +289,7 @@ impl SpineTracker<'_> {
                 normals: &seen.points.normals,
                 patches: &seen.points.patches,
                 noise_mm,
+                alike: seen.points.alike,
             };
             fitted.behind_share = Some(behind_share(vertebra, pose, owned, view));
         }

@@ -57,6 +57,8 @@ pub struct VertebraTransfer {
     pub accepted: bool,
     /// Why not, if it does not.
     pub reasons: Vec<Rejection>,
+    /// What speaks against it a little all the same, and the other vertebrae outweigh: see [`LoneDoubtOptions`](crate::LoneDoubtOptions).
+    pub doubts: Vec<Rejection>,
     /// Its rigid motion.
     pub target_from_source: Isometry3<f64>,
     /// Root mean square distance of its inliers from its surface, mm; NaN without a fit.
@@ -104,7 +106,7 @@ pub struct VertebraTransfer {
 
 impl VertebraTransfer {
     /// What a user must know of a vertebra whether it is accepted or not, as a sentence: that its landmark lies on another one, or a level
-    /// beyond the end.
+    /// beyond the end; or a doubt that the others outweigh.
     #[must_use]
     pub fn notice(&self) -> Option<String> {
         let level = self.level;
@@ -113,7 +115,14 @@ impl VertebraTransfer {
             None if self.landmark_lies_beyond => {
                 format!("a level beyond {level}, as the other names do")
             }
-            None => return None,
+            None if self.doubts.is_empty() => return None,
+            None => {
+                let doubts: Vec<String> = self.doubts.iter().map(ToString::to_string).collect();
+                return Some(format!(
+                    "accepted with a small doubt, which the other vertebrae outweigh: {}",
+                    doubts.join("; ")
+                ));
+            }
         };
         Some(format!(
             "the landmark named {level} lies {lies}: check the names"

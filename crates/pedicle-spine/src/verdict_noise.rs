@@ -99,6 +99,7 @@ pub(crate) fn noise_of_sensor(evidence: &Evidence) -> Option<Rejection> {
     let holds = evidence.noise_mm <= most_mm;
     (!holds).then_some(Rejection::NoisierThanSensor {
         noise_mm: evidence.noise_mm,
+        max_mm: most_mm,
         sensor_mm,
     })
 }

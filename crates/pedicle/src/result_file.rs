@@ -72,8 +72,8 @@ pub struct VertebraEntry {
     pub accepted: bool,
     /// Why not, as sentences.
     pub reasons: Vec<String>,
-    /// What a user must know even of an accepted vertebra: a landmark that has the name of another one; null if there
-    /// is nothing.
+    /// What a user must know even of an accepted vertebra: a landmark that has the name of another one, or a small doubt
+    /// that the other vertebrae outweigh; null if there is nothing.
     #[serde(default)]
     pub notice: Option<String>,
     /// 4 × 4 homogeneous matrix, row-major, mm.

@@ -64,7 +64,8 @@ pub struct TransformEntry {
     pub level: Level,
     /// Whether the method vouches for it.
     pub accepted: bool,
-    /// What a user must know of it all the same: a landmark that has the name of another level; null if there is nothing.
+    /// What a user must know of it all the same: a landmark that has the name of another level, or a small doubt that the
+    /// others outweigh; null if there is nothing.
     #[serde(default)]
     pub notice: Option<String>,
     /// 4 × 4 homogeneous matrix, row-major, mm, in the coordinates of source and target.

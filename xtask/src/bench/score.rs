@@ -245,10 +245,11 @@ fn judge(
     let level = truth.vertebra.level;
     let found = &transfer.vertebrae[level.index()];
     let reasons: Vec<String> = found.reasons.iter().map(ToString::to_string).collect();
-    let verdict = if found.accepted {
-        String::new()
-    } else {
-        format!(" rejected: {}", reasons.join("; "))
+    let doubts: Vec<String> = found.doubts.iter().map(ToString::to_string).collect();
+    let verdict = match (found.accepted, doubts.is_empty()) {
+        (true, true) => String::new(),
+        (true, false) => format!(" in spite of: {}", doubts.join("; ")),
+        (false, _) => format!(" rejected: {}", reasons.join("; ")),
     };
     let pose = &found.target_from_source;
     let mut score = judge_pose(case, simulated, truth, (pose, found.accepted))?;

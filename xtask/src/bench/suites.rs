@@ -47,6 +47,8 @@ pub(super) enum CameraNoiseChoice {
     Even,
     /// Larger where the surface is steep; neighbouring pixels err alike.
     Smooth,
+    /// The same over more pixels.
+    Broad,
 }
 
 impl CameraNoiseChoice {
@@ -55,6 +57,7 @@ impl CameraNoiseChoice {
             Self::Grazing => CameraNoise::Grazing,
             Self::Even => CameraNoise::Even,
             Self::Smooth => CameraNoise::Smooth,
+            Self::Broad => CameraNoise::Broad,
         }
     }
 }

@@ -2,7 +2,10 @@
 
 use nalgebra::{Isometry3, Translation3, Vector3};
 use pedicle_simulation::{Deformation, SensorForm, SensorSequence, SuiteCell, SuiteScenario};
-use pedicle_spine::{Rejection, SensorView, SpineTracker, Target, TargetSurface, TrackerOptions};
+use pedicle_spine::{
+    LoneDoubtOptions, Rejection, SensorView, SpineTracker, Target, TargetSurface, TrackerOptions,
+    TransferOptions, transfer,
+};
 use pedicle_trajectory::{Level, SafetyMargins};
 
 use super::{run, scene, suite_target, verdicts};
@@ -73,6 +76,55 @@ fn soft_tissue_never_leads_to_a_false_accept() {
         n_right += verdicts.iter().filter(|(right, _)| *right).count();
     }
     assert!(n_right >= 10, "{n_right} of 15 poses are right");
+}
+
+#[test]
+fn a_small_doubt_is_outweighed_by_the_other_vertebrae_and_told() {
+    let (truth, target) = suite_target(cell(SensorForm::Mesh, 0.0), 0, 31);
+    let sure = run(&target);
+    let doubted = sure.vertebrae.iter().filter(|v| v.accepted);
+    let doubted = doubted
+        .min_by(|a, b| a.alternative_margin.total_cmp(&b.alternative_margin))
+        .expect("some are accepted");
+    // The limit is put between this one's margin and the others'.
+    let mut options = TransferOptions::default();
+    options.verdict.min_alternative_margin_of_camera = 1.001 * doubted.alternative_margin;
+    let judged = |options: &TransferOptions| {
+        let scene = scene();
+        let plan = scene.phantom.plan();
+        let found = transfer(&scene.model, &plan, &target, options).unwrap();
+        verdicts(&found, &truth);
+        found.vertebrae[doubted.level.index()].clone()
+    };
+    let outweighed = judged(&options);
+    assert!(outweighed.accepted && outweighed.reasons.is_empty());
+    assert!(
+        matches!(outweighed.doubts[..], [Rejection::Ambiguous { .. }]),
+        "{:?}",
+        outweighed.doubts
+    );
+    let words = outweighed.notice().expect("a doubt is told");
+    assert!(words.contains("another pose"), "{words}");
+
+    for lone_doubt in [
+        LoneDoubtOptions {
+            min_sure: 5,
+            ..LoneDoubtOptions::default()
+        },
+        LoneDoubtOptions {
+            min_margin_ratio: 1.0,
+            ..LoneDoubtOptions::default()
+        },
+    ] {
+        options.verdict.lone_doubt = lone_doubt;
+        let refused = judged(&options);
+        assert!(!refused.accepted && refused.doubts.is_empty());
+        assert!(
+            matches!(refused.reasons[..], [Rejection::Ambiguous { .. }]),
+            "{:?}",
+            refused.reasons
+        );
+    }
 }
 
 #[test]

@@ -163,9 +163,7 @@ fn vertebrae(report: &TransferReport<'_>) -> Section {
         .collect();
     if !notices.is_empty() {
         section = section
-            .with(Block::Text(
-                "Landmarks have the names of other vertebrae; the shape decided:".to_owned(),
-            ))
+            .with(Block::Text("To know, whether accepted or not:".to_owned()))
             .with(Block::List(notices));
     }
     if !reasons.is_empty() {
