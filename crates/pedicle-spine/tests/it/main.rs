@@ -97,7 +97,10 @@ fn worst(found: &Transfer, truth: &SimulatedTarget) -> (f64, f64) {
 /// A scenario of the suites with the target as the method sees it.
 fn suite_target(cell: SuiteCell, draw: u32, seed: u64) -> (SuiteTarget, Target) {
     let scenario = SuiteScenario { cell, draw, seed };
-    let simulated = simulate_suite(&scene().case, &scenario).unwrap();
+    seen_by_method(simulate_suite(&scene().case, &scenario).unwrap())
+}
+
+fn seen_by_method(simulated: SuiteTarget) -> (SuiteTarget, Target) {
     let landmarks = simulated.target_landmarks.clone();
     let target = match simulated.surface.clone() {
         TargetSurface::Mesh(mesh) => Target::mesh(mesh, landmarks),

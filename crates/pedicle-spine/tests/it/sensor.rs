@@ -1,14 +1,17 @@
 //! What a depth camera sees, as cloud and as mesh.
 
 use nalgebra::{Isometry3, Translation3, Vector3};
-use pedicle_simulation::{Deformation, SensorForm, SensorSequence, SuiteCell, SuiteScenario};
+use pedicle_simulation::{
+    CameraNoise, Deformation, SensorForm, SensorSequence, SuiteCell, SuiteScenario,
+    simulate_suite_with,
+};
 use pedicle_spine::{
     LoneDoubtOptions, Rejection, SensorView, SpineTracker, Target, TargetSurface, TrackerOptions,
     TransferOptions, transfer,
 };
 use pedicle_trajectory::{Level, SafetyMargins};
 
-use super::{run, scene, suite_target, verdicts};
+use super::{run, scene, seen_by_method, suite_target, verdicts};
 
 fn cell(form: SensorForm, cover: f64) -> SuiteCell {
     SuiteCell::Sensor {
@@ -125,6 +128,37 @@ fn a_small_doubt_is_outweighed_by_the_other_vertebrae_and_told() {
             refused.reasons
         );
     }
+}
+
+#[test]
+fn the_covariance_knows_that_pixels_err_alike() {
+    let (mut squares, mut n, mut n_accepted) = (0.0, 0.0, 0);
+    for noise in [CameraNoise::Smooth, CameraNoise::Broad] {
+        for draw in 0..2 {
+            let cell = SuiteCell::Sensor {
+                form: SensorForm::Cloud,
+                cover: 0.0,
+                noise_mm: 0.6,
+            };
+            let seed = 36;
+            let scenario = SuiteScenario { cell, draw, seed };
+            let simulated = simulate_suite_with(&scene().case, &scenario, noise).unwrap();
+            let (truth, target) = seen_by_method(simulated);
+            let found = run(&target);
+            n_accepted += verdicts(&found, &truth).iter().filter(|v| v.1).count();
+            for (v, t) in found.vertebrae.iter().zip(&truth.truth) {
+                let covariance = v.covariance.expect("bare bone is fitted");
+                squares += covariance
+                    .normalized_error_squared(&v.target_from_source, &t.vertebra.target_from_source)
+                    .unwrap();
+                n += 1.0;
+            }
+        }
+    }
+    // χ² with 6 degrees of freedom of 20 bones over 6: 1 ± 0.13. With pixels taken to be independent it is 4 and more.
+    let mean = squares / n / 6.0;
+    assert!((0.4..1.6).contains(&mean), "{mean}");
+    assert!(n_accepted >= 10, "{n_accepted} of 20 accepted");
 }
 
 #[test]
