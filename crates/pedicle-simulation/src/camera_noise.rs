@@ -51,10 +51,11 @@ impl CameraNoise {
     }
 
     /// Errors along the rays of an image of `[width, height]` pixels, row by row, made of as many independent ones: with the same variance
-    /// in its middle. All of them are returned as they are where pixels err independently.
+    /// in its middle. All of them are returned as they are where pixels err independently, or are not as many as the image has.
     #[must_use]
     pub fn errors(self, white: Vec<f64>, [width, height]: [usize; 2]) -> Vec<f64> {
         let kernel: &[f64] = match self {
+            _ if white.len() != width * height => return white,
             Self::Even | Self::Grazing => return white,
             Self::Smooth => &SMOOTH,
             Self::Broad => &BROAD,

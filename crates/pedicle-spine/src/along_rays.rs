@@ -122,6 +122,7 @@ fn among_tissue(
         .map(|(p, _)| *p)
         .collect();
     let mut covariance = fit.covariance?;
+    covariance.matrix *= view.alike.n_alike_of_many;
     let last = mixture(&bare).robust(&pose)?;
     let way = pose_difference(&last, &pose, &covariance.center);
     covariance.matrix += way * way.transpose();
@@ -152,10 +153,11 @@ mod tests {
     use crate::bone::BoneSurface;
     use crate::image_shape::image_shape;
     use crate::local_shape::Local;
+    use crate::misfit::misfit_along_rays;
     use nalgebra::{Translation3, Unit};
     use pedicle_mesh::{SurfaceIndex, TriMesh};
     use pedicle_registration::{RefineOptions, pose_error, refine_on_surface};
-    use pedicle_simulation::{MeshingOptions, PhantomParameters, generate_phantom};
+    use pedicle_simulation::{CameraNoise, MeshingOptions, PhantomParameters, generate_phantom};
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
@@ -174,6 +176,10 @@ mod tests {
 
     impl Scene {
         fn new(covers: bool, noise_mm: f64) -> Self {
+            Self::seen_with(covers, noise_mm, None)
+        }
+
+        fn seen_with(covers: bool, noise_mm: f64, law: Option<CameraNoise>) -> Self {
             let phantom =
                 generate_phantom(&PhantomParameters::default(), &MeshingOptions::default())
                     .unwrap();
@@ -184,12 +190,16 @@ mod tests {
             let camera = bone.centroid() + Vector3::new(30.0, 500.0, 20.0);
             let mut rng = ChaCha8Rng::seed_from_u64(11);
             let mut normal_draw = || (0..12).map(|_| rng.random_range(0.0..1.0)).sum::<f64>() - 6.0;
+            let errors = law.map(|law| {
+                let white = (0..110 * 110).map(|_| normal_draw()).collect();
+                law.errors(white, [110, 110])
+            });
             let (mut points, mut is_bone) = (Vec::new(), Vec::new());
             let forward = Unit::new_normalize(bone.centroid() - camera);
             let right = Unit::new_normalize(forward.cross(&Vector3::z()));
             let down = forward.cross(&right);
             for k in 0..110 * 110 {
-                let (i, j) = (f64::from(k % 110) - 55.0, f64::from(k / 110) - 55.0);
+                let (i, j) = ((k % 110) as f64 - 55.0, (k / 110) as f64 - 55.0);
                 let ray = (forward.into_inner() + (right.into_inner() * i + down * j) * 0.0018)
                     .normalize();
                 let Some(hit) = index.cast_ray(&camera, &ray, 700.0) else {
@@ -203,7 +213,8 @@ mod tests {
                 let tissue_mm = (2.0 + 0.2 * (aside.x + aside.z)).min(5.0);
                 let is_covered = covers && aside.x + aside.z > 0.0;
                 let in_front = if is_covered { tissue_mm } else { 0.0 };
-                let range = hit.distance_mm + (noise_mm * normal_draw() - in_front) / cosine;
+                let error = errors.as_ref().map_or_else(&mut normal_draw, |e| e[k]);
+                let range = hit.distance_mm + (noise_mm * error - in_front) / cosine;
                 points.push(truth * (camera + ray * range));
                 is_bone.push(!is_covered);
             }
@@ -370,5 +381,32 @@ mod tests {
         let view = (scene.view(&picture), picture.area_of_point);
         let found = among_tissue(scene.seen(), &scene.start(), (&few, &few), view);
         assert!(found.is_none(), "four points: {found:?}");
+    }
+
+    #[test]
+    fn pixels_that_err_alike_leave_bumps_that_noise_explains() {
+        for law in [CameraNoise::Smooth, CameraNoise::Broad] {
+            let scene = Scene::seen_with(false, NOISE_MM, Some(law));
+            let picture = scene.picture();
+            let ratio = picture.noise_mm / NOISE_MM;
+            assert!((0.8..1.2).contains(&ratio), "{law}: {ratio} of the noise");
+            let found = scene.fit(&picture);
+            let chi_squared = found
+                .covariance
+                .normalized_error_squared(&found.target_from_source, &scene.truth)
+                .unwrap();
+            assert!(chi_squared < 16.8, "{law}: one in a hundred: {chi_squared}");
+            let sight = scene.seen().before(&scene.camera_mm, &scene.truth);
+            let bumps = |alike: ErrsAlike| {
+                let noise = (picture.noise_mm, alike);
+                misfit_along_rays(&sight, &scene.points, 8.0, noise).unwrap()
+            };
+            let (known, blind) = (bumps(picture.alike), bumps(ErrsAlike::INDEPENDENT));
+            let max_mm2 = crate::VerdictOptions::default()
+                .max_misfit_of_sensor_mm
+                .powi(2);
+            assert!(known.beyond_noise_mm2(3.0) < max_mm2, "{law}: {known:?}");
+            assert!(blind.beyond_noise_mm2(3.0) > max_mm2, "{law}: {blind:?}");
+        }
     }
 }

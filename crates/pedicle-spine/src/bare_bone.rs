@@ -1,11 +1,11 @@
 //! Which of the points near a bone lie on bare bone.
 //!
 //! ```text
-//! r̄ = Pᵏ r,   bare if r̄_i ≤ max(0, q) + a (0.25 mm + 2.5 σ/√(n k))
+//! r̄ = Pᵏ r,   bare if r̄_i ≤ max(0, q) + a (0.25 mm + 2.5 σ √(c/(n k)))
 //! ```
 //!
 //! r are signed distances from the surface, positive in front of it, P takes the mean over a patch: the
-//! 24 nearest points as far as they may belong to this bone, n of them where points were thinned out. k means of means reach
+//! 24 nearest points as far as they may belong to this bone, n of them where points were thinned out, c of which err alike. k means of means reach
 //! as far as a patch of n k points; the noisier the sensor (σ), the larger k. Soft tissue lies in front of the bone over many
 //! points, noise on one: means tell them apart where single points cannot. q is a quantile of r̄: where
 //! nearly all points lie in front, the pose is too deep. a falls to 1 over the rounds,

@@ -17,7 +17,8 @@ use crate::uncertainty::{uncertainty, worst_of_pose};
 use crate::verdict::rejections;
 use crate::verdict_noise::second_smallest;
 use crate::verdict_together::{
-    behind_rejection, bone_rejection, chain_rejections, pooled_rejection, shape_rejection,
+    behind_rejection, bone_rejection, chain_rejections, others_rejection, pooled_rejection,
+    shape_rejection,
 };
 use crate::{TrajectoryUncertainty, TransferredTrajectory, VerdictOptions, VertebraTransfer};
 
@@ -83,18 +84,21 @@ impl Conclusion<'_> {
                 vertebra.reasons.extend(found);
             }
         }
-        let together = self.together(&vertebrae, options);
+        let together = self.together(&vertebrae, None, options);
         let shape = self.shape(&vertebrae);
         let differs = shape.and_then(|change| shape_rejection(&change, options));
         let shows = shape.is_some_and(|change| change.shows >= options.min_shape_shown);
         let seen = self.fit.fits.iter().filter_map(|fit| fit.seen);
         let shares = seen.map(|seen| seen.behind_share).collect();
-        let noise_mm = self.fit.sensor_noise_mm.unwrap_or(0.0);
+        // Pixels that err alike tell as little as fewer, or noisier ones.
+        let noise_mm = self.fit.sensor_noise_mm.unwrap_or(0.0) * self.fit.n_alike.sqrt();
         let behind = behind_rejection(shares, noise_mm, options);
+        let others = self.others(&vertebrae);
         for vertebra in &mut vertebrae {
             if !vertebra.reasons.is_empty() {
                 continue;
             }
+            vertebra.reasons.extend(others.clone());
             vertebra.reasons.extend(together.clone());
             vertebra.reasons.extend(differs.clone());
             vertebra.reasons.extend(behind.clone());
@@ -105,22 +109,37 @@ impl Conclusion<'_> {
             }
             vertebra.accepted = vertebra.reasons.is_empty();
         }
-        self.outweigh(&mut vertebrae, &names, options);
+        let is_spine_doubted = [&together, &differs, &behind, &others]
+            .into_iter()
+            .any(Option::is_some);
+        self.outweigh(&mut vertebrae, is_spine_doubted, options);
         vertebrae
     }
 
     /// What the shapes of all vertebrae say together: those of which nothing is known but how precise
-    /// their poses are, unless most differ alone already.
-    fn together(
+    /// their poses are, unless most differ alone already; and one more.
+    pub(crate) fn together(
         &self,
         vertebrae: &[VertebraTransfer],
+        one_more: Option<usize>,
         options: &VerdictOptions,
     ) -> Option<Rejection> {
-        let misfits: Vec<Misfit> = witnesses(vertebrae)
+        let others = witnesses(vertebrae).filter(|&v| Some(v) != one_more);
+        let misfits: Vec<Misfit> = others
+            .chain(one_more)
             .map(|v| self.fit.fits[v].misfit)
             .collect();
         let is_along_rays = self.fit.fits.iter().any(|fit| fit.seen.is_some());
         pooled_rejection(&misfits, is_along_rays, options)
+    }
+
+    /// What is said of a vertebra before a camera that fits, where most others do not.
+    fn others(&self, vertebrae: &[VertebraTransfer]) -> Option<Rejection> {
+        let is_from_camera = self.fit.fits.iter().any(|fit| fit.seen.is_some());
+        let fitted = || vertebrae.iter().filter(|v| v.covariance.is_some());
+        let differs = |v: &&VertebraTransfer| v.reasons.iter().any(Rejection::is_about_shape);
+        let n_others = fitted().count().saturating_sub(1);
+        others_rejection(fitted().filter(differs).count(), n_others).filter(|_| is_from_camera)
     }
 
     /// What the points of all bones with a fit say of the plan's shape; none where noise is small.
@@ -177,6 +196,7 @@ impl Conclusion<'_> {
                 || names.lies_beyond[v].is_some(),
             misfit: fit.misfit,
             seen_through: fit.seen_through,
+            n_alike: self.fit.n_alike,
             sensor_noise_mm: self.fit.sensor_noise_mm,
             bare_area_mm2: fit.seen.map(|seen| seen.bare_area_mm2),
             behind_share: fit.seen.map(|seen| seen.behind_share),

@@ -46,10 +46,8 @@ pub(crate) fn enlarged(
     let factor = 1.0 + INFLATION_PER_MM * noise_mm;
     // What noise does through the curvature is in the first factor or in the covariance already, but where a sensor is known it does more.
     let (factor, grown) = match (sensor.picture, sensor.noise_mm) {
-        (Some(picture), _) => {
-            let (seen, told) = (misfit.inflation(0.0), picture.alike.n_alike_of_many);
-            (factor, if told > seen { told } else { seen })
-        }
+        // What pixels that err alike do is in the covariance already.
+        (Some(_), _) => (factor, misfit.inflation(misfit.by_noise_mm2)),
         (None, Some(sensor_mm)) => (
             inflation_of_camera(sensor_mm, hidden_share) * factor,
             misfit.inflation(0.0),

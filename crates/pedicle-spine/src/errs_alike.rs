@@ -7,8 +7,9 @@
 //!
 //! r are the ranges of a patch, P takes out their best quadric, d are distances in the picture. Cameras that compare windows err
 //! alike over some pixels: what the quadric leaves is too small then, and means over patches vary more than
-//! those of independent errors. ℓ is where ρ is what P C P says it should be, on the flattest patches, for what the bone
-//! adds to the residuals looks like errors that are alike.
+//! those of independent errors. ℓ is where ρ of all patches together is what P C P says it should be. Only patches whose quadric is
+//! flat count: the bone leaves rests on the others that look like errors that are alike, and whether a quadric is flat
+//! says next to nothing of the rests that errors leave.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -17,16 +18,18 @@ use crate::verdict_noise::median;
 /// A patch: places in the picture relative to its middle and ranges, mm.
 pub(crate) type Patch = Vec<(f64, f64, f64)>;
 
-/// Of the patches so many are looked at.
-const N_PATCHES: usize = 120;
-/// Share of them that are flat enough. Fewer would be those on which the errors are alike by chance the least.
-const FLAT_SHARE: f64 = 0.8;
-/// Next neighbours are no farther apart than this many times the least distance.
+/// Share of the patches whose quadric is flat enough.
+const FLAT_SHARE: f64 = 0.6;
+/// And whose rests have a mean square of no more than this many times the median.
+const MOST_OF_USUAL: f64 = 3.0;
+/// Patches that tell what errors that are alike would do.
+const N_EXPECTED: usize = 40;
+/// Next neighbours are no farther apart than this many times the distance of the nearest, the median of the patch.
 const NEXT: f64 = 1.25;
-/// ℓ that are tried, in least distances.
+/// ℓ that are tried, in distances of the nearest.
 const LENGTHS: [f64; 10] = [0.0, 0.4, 0.6, 0.8, 1.0, 1.2, 1.4, 1.7, 2.0, 2.5];
-/// From this ℓ on errors count as alike, in least distances. Of independent ones the curvature of the bone makes up to 0.56, errors with
-/// a correlation of 2/3 have 0.85 and more.
+/// From this ℓ on errors count as alike, in the same. What the bone leaves of independent ones makes up to 0.6, errors with a correlation of
+/// 2/3 have 0.97 and more. Below only the covariance is enlarged, for what is between is not told apart.
 const LEAST_LENGTH: f64 = 0.7;
 const N_UNKNOWNS: usize = 6;
 
@@ -67,37 +70,51 @@ impl ErrsAlike {
         }
     }
 
-    /// Of some patches of a picture.
-    pub(crate) fn of_patches(patches: &[Patch]) -> Self {
-        let stride = patches.len().div_ceil(N_PATCHES).max(1);
-        let mut told: Vec<Told> = patches
-            .iter()
-            .step_by(stride)
-            .filter_map(Told::of)
-            .collect();
-        told.sort_by(|a, b| a.mean_square.total_cmp(&b.mean_square));
-        told.truncate((FLAT_SHARE * told.len() as f64) as usize);
-        if told.is_empty() {
-            return Self::INDEPENDENT;
-        }
-        let least_mm = median(told.iter().map(|t| t.least_mm).collect());
-        let of_length = |length: f64| {
-            let expected: Vec<Expected> =
-                told.iter().map(|t| t.expected(length * least_mm)).collect();
-            let over = expected.iter().zip(&told).map(|(e, t)| t.ratio - e.ratio);
-            (median(over.collect()), expected)
+    /// Of some patches of a picture in which a point stands for an area of `mm2_of_point`.
+    pub(crate) fn of_patches(patches: &[Patch], mm2_of_point: f64) -> Self {
+        let mut told: Vec<Told> = patches.iter().filter_map(Told::of).collect();
+        told.sort_by(|a, b| a.bend_mm.total_cmp(&b.bend_mm));
+        told.truncate((FLAT_SHARE * told.len() as f64).ceil() as usize);
+        // Jumps and flying pixels leave far larger rests than noise.
+        let usual = median(told.iter().map(|t| t.mean_square).collect());
+        told.retain(|t| t.mean_square <= MOST_OF_USUAL * usual);
+        let nearest_mm = median(told.iter().map(|t| t.nearest_mm).collect());
+        let stride = told.len().div_ceil(N_EXPECTED).max(1);
+        let few: Vec<&Told> = told.iter().step_by(stride).collect();
+        let ratio = |all: &mut dyn Iterator<Item = (f64, f64)>| {
+            let (products, squares) = all.fold((0.0, 0.0), |sum, x| (sum.0 + x.0, sum.1 + x.1));
+            products / squares
         };
-        let length = crossing(|length| of_length(length).0);
-        if length.is_nan() || length < LEAST_LENGTH {
+        let seen = ratio(&mut told.iter().map(|t| (t.product, t.mean_square)));
+        let expected = |length: f64| -> Vec<Expected> {
+            let length_mm = length * nearest_mm;
+            few.iter().map(|t| t.expected(length_mm)).collect()
+        };
+        let length = crossing(|length| {
+            let expected = expected(length);
+            seen - ratio(&mut expected.iter().map(|e| (e.product, e.mean_square)))
+        });
+        let length_mm = length * nearest_mm;
+        // Σ_j C_ij of a grid, and of one whose points are there by chance: a point is alike itself.
+        let others_mm2 = std::f64::consts::TAU * length_mm * length_mm - nearest_mm * nearest_mm;
+        let n_alike_of_many = 1.0 + others_mm2 / mm2_of_point;
+        // Of no patches, and of points in one place, it is a NaN or infinite.
+        if !(n_alike_of_many > 1.0 && n_alike_of_many.is_finite()) {
             return Self::INDEPENDENT;
         }
-        let (_, expected) = of_length(length);
+        if length < LEAST_LENGTH {
+            return Self {
+                n_alike_of_many,
+                ..Self::INDEPENDENT
+            };
+        }
+        let expected = expected(length);
         let middle = |f: fn(&Expected) -> f64| median(expected.iter().map(f).collect());
         Self {
-            length_mm: length * least_mm,
+            length_mm,
             noise_ratio: middle(|e| e.noise_ratio),
             n_alike: middle(|e| e.n_alike),
-            n_alike_of_many: std::f64::consts::TAU * length * length,
+            n_alike_of_many,
         }
     }
 }
@@ -109,7 +126,7 @@ fn crossing(over: impl Fn(f64) -> f64) -> f64 {
         let value = over(length);
         // A NaN ends it as well.
         if value.is_nan() || value <= 0.0 {
-            return before.map_or(length, |(shorter, above)| {
+            return before.map_or(0.0, |(shorter, above)| {
                 shorter + (length - shorter) * above / (above - value)
             });
         }
@@ -123,21 +140,25 @@ struct Told {
     places: Vec<(f64, f64)>,
     projection: DMatrix<f64>,
     pairs: Vec<(usize, usize)>,
-    least_mm: f64,
+    /// Distance of the nearest, the median of its points.
+    nearest_mm: f64,
+    /// Root mean square of the second order of its quadric.
+    bend_mm: f64,
+    /// Mean of e² and of e_i e_j of next neighbours.
     mean_square: f64,
-    /// ρ.
-    ratio: f64,
+    product: f64,
 }
 
 /// The same of errors that are alike, on average.
 struct Expected {
-    ratio: f64,
+    mean_square: f64,
+    product: f64,
     noise_ratio: f64,
     n_alike: f64,
 }
 
 impl Told {
-    /// None if it is too small for a quadric, or exact.
+    /// None if it is too small for a quadric.
     fn of(patch: &Patch) -> Option<Self> {
         let n = patch.len();
         if n <= N_UNKNOWNS {
@@ -148,30 +169,34 @@ impl Told {
             [1.0, s, t, s * s, s * t, t * t][k]
         });
         let inverse = design.tr_mul(&design).cholesky()?.inverse();
-        let projection = DMatrix::identity(n, n) - &design * inverse * design.transpose();
+        let solver = inverse * design.transpose();
+        let projection = DMatrix::identity(n, n) - &design * &solver;
         let ranges = DVector::from_iterator(n, patch.iter().map(|p| p.2));
-        let mean = ranges.mean();
-        let rest = &projection * ranges.add_scalar(-mean);
-        let mean_square = rest.norm_squared() / n as f64;
+        let ranges = ranges.add_scalar(-ranges.mean());
+        let rest = &projection * &ranges;
+        let second = (&solver * &ranges).rows(3, 3).into_owned();
+        let bend = design.columns(3, 3) * second;
         let places: Vec<(f64, f64)> = patch.iter().map(|&(s, t, _)| (s, t)).collect();
         let apart =
             |i: usize, j: usize| (places[i].0 - places[j].0).hypot(places[i].1 - places[j].1);
-        let all = || (0..n).flat_map(|i| (i + 1..n).map(move |j| (i, j)));
-        let least_mm = all()
-            .map(|(i, j)| apart(i, j))
-            .fold(f64::INFINITY, |a, b| if b < a { b } else { a });
-        let pairs: Vec<(usize, usize)> = all()
-            .filter(|&(i, j)| apart(i, j) <= NEXT * least_mm)
+        let nearest = |i: usize| {
+            let others = (0..n).filter(|&j| j != i).map(|j| apart(i, j));
+            others.fold(f64::INFINITY, |a, b| if b < a { b } else { a })
+        };
+        let nearest_mm = median((0..n).map(nearest).collect());
+        let pairs: Vec<(usize, usize)> = (0..n)
+            .flat_map(|i| (i + 1..n).map(move |j| (i, j)))
+            .filter(|&(i, j)| apart(i, j) <= NEXT * nearest_mm)
             .collect();
-        let product: f64 = pairs.iter().map(|&(i, j)| rest[i] * rest[j]).sum();
-        let ratio = product / pairs.len() as f64 / mean_square;
-        ratio.is_finite().then_some(Self {
+        let products: f64 = pairs.iter().map(|&(i, j)| rest[i] * rest[j]).sum();
+        Some(Self {
+            nearest_mm,
+            bend_mm: (bend.norm_squared() / n as f64).sqrt(),
+            mean_square: rest.norm_squared() / n as f64,
+            product: products / pairs.len() as f64,
             places,
             projection,
             pairs,
-            least_mm,
-            mean_square,
-            ratio,
         })
     }
 
@@ -182,10 +207,10 @@ impl Told {
             correlation((a - c).hypot(b - d), length_mm)
         });
         let left = &self.projection * &alike * &self.projection;
-        let product: f64 = self.pairs.iter().map(|&p| left[p]).sum();
-        let mean_square = left.trace() / n as f64;
+        let products: f64 = self.pairs.iter().map(|&p| left[p]).sum();
         Expected {
-            ratio: product / self.pairs.len() as f64 / mean_square,
+            mean_square: left.trace() / n as f64,
+            product: products / self.pairs.len() as f64,
             noise_ratio: ((n - N_UNKNOWNS) as f64 / left.trace()).sqrt(),
             n_alike: alike.sum() / n as f64,
         }
@@ -208,28 +233,39 @@ pub(crate) fn correlation(apart_mm: f64, length_mm: f64) -> f64 {
 mod tests {
     use super::*;
     use pedicle_simulation::CameraNoise;
-    use rand::SeedableRng;
+    use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
 
     const WIDTH: usize = 90;
+    /// Variances of means over many pixels over those of independent errors: of a kernel k along rows and columns (1 / Σ k²)².
+    const OF_SMOOTH: f64 = 1.0 / (0.375 * 0.375);
+    const OF_BROAD: f64 = 1.0 / (0.273_437_5 * 0.273_437_5);
 
-    /// Patches of 5 × 5 pixels of a tilted and bent surface with errors of 1 mm.
-    fn patches(noise: CameraNoise) -> Vec<Patch> {
+    /// Patches of the 24 nearest pixels of a tilted and bent surface, of which a share is left, with errors of 1 mm and more.
+    fn patches(noise: CameraNoise, share: f64, more: impl Fn(f64, f64) -> f64) -> Vec<Patch> {
         let mut rng = ChaCha8Rng::seed_from_u64(17);
-        let white = (0..WIDTH * WIDTH).map(|_| StandardNormal.sample(&mut rng));
-        let errors = noise.errors(white.collect(), [WIDTH, WIDTH]);
-        let middles = (0..WIDTH * WIDTH).map(|k| (k % WIDTH, k / WIDTH));
+        let white: Vec<f64> = (0..WIDTH * WIDTH)
+            .map(|_| StandardNormal.sample(&mut rng))
+            .collect();
+        let errors = noise.errors(white, [WIDTH, WIDTH]);
+        let pixels: Vec<(f64, f64, f64)> = errors
+            .into_iter()
+            .enumerate()
+            .filter(|_| rng.random_range(0.0..1.0) < share)
+            .map(|(k, error)| {
+                let (s, t) = ((k % WIDTH) as f64, (k / WIDTH) as f64);
+                let range = 500.0 + 0.4 * s - 0.1 * t + 0.005 * s * s;
+                (s, t, range + error + more(s, t))
+            })
+            .collect();
+        let middles = pixels.iter().step_by(pixels.len().div_ceil(400));
         middles
-            .filter(|(x, y)| [x, y].into_iter().all(|i| i % 6 == 3 && *i + 3 < WIDTH))
-            .map(|(x, y)| {
-                let offsets = (0..25).map(|k| (k % 5, k / 5));
-                let pixel = |(i, j): (usize, usize)| {
-                    let (s, t) = (i as f64 - 2.0, j as f64 - 2.0);
-                    let error = errors[(y + j - 2) * WIDTH + x + i - 2];
-                    (s, t, 500.0 + 0.4 * s - 0.1 * t + 0.02 * s * s + error)
-                };
-                offsets.map(pixel).collect()
+            .map(|&(x, y, _)| {
+                let mut around: Patch = pixels.iter().map(|p| (p.0 - x, p.1 - y, p.2)).collect();
+                around.sort_by(|a, b| a.0.hypot(a.1).total_cmp(&b.0.hypot(b.1)));
+                around.truncate(24);
+                around
             })
             .collect()
     }
@@ -237,45 +273,74 @@ mod tests {
     /// The noise that the rests of the patches tell.
     fn noise_mm(patches: &[Patch], alike: &ErrsAlike) -> f64 {
         let told: Vec<Told> = patches.iter().filter_map(Told::of).collect();
-        let squares = told.iter().map(|t| t.mean_square * 25.0 / 19.0);
+        let squares = told.iter().map(|t| t.mean_square * 24.0 / 18.0);
         alike.noise_ratio * (squares.sum::<f64>() / told.len() as f64).sqrt()
     }
 
     #[test]
     fn independent_errors_are_left_as_they_are() {
-        for noise in [CameraNoise::Even, CameraNoise::Grazing] {
-            let found = ErrsAlike::of_patches(&patches(noise));
-            assert_eq!(found, ErrsAlike::INDEPENDENT);
+        for share in [1.0, 0.3] {
+            let found =
+                ErrsAlike::of_patches(&patches(CameraNoise::Even, share, |_, _| 0.0), 1.0 / share);
+            assert_eq!((found.length_mm, found.noise_ratio), (0.0, 1.0));
+            assert!(found.n_alike_of_many < 1.5, "{found:?}");
         }
-        let exact: Vec<Patch> = vec![vec![(0.0, 0.0, 500.0); 24]; 9];
-        assert_eq!(ErrsAlike::of_patches(&exact), ErrsAlike::INDEPENDENT);
-        assert_eq!(ErrsAlike::of_patches(&[]), ErrsAlike::INDEPENDENT);
+        let in_one_place: Vec<Patch> = vec![vec![(0.0, 0.0, 500.0); 24]; 9];
+        assert_eq!(
+            ErrsAlike::of_patches(&in_one_place, 1.0),
+            ErrsAlike::INDEPENDENT
+        );
+        assert_eq!(ErrsAlike::of_patches(&[], 1.0), ErrsAlike::INDEPENDENT);
+        let exact = patches(CameraNoise::Even, 1.0, |_, _| 0.0);
+        let exact: Vec<Patch> = exact
+            .into_iter()
+            .map(|patch| patch.into_iter().map(|(s, t, _)| (s, t, 500.0)).collect())
+            .collect();
+        assert_eq!(ErrsAlike::of_patches(&exact, 1.0), ErrsAlike::INDEPENDENT);
+    }
+
+    #[test]
+    fn a_bent_part_of_the_surface_and_jumps_do_not_look_like_errors_that_are_alike() {
+        let bent = |s: f64, t: f64| {
+            let bump = if s > 60.0 { 4.0 * (1.2 * s).sin() } else { 0.0 };
+            bump + if t > 80.0 { 15.0 } else { 0.0 }
+        };
+        let found = ErrsAlike::of_patches(&patches(CameraNoise::Even, 1.0, bent), 1.0);
+        assert_eq!(found.length_mm, 0.0, "{found:?}");
     }
 
     #[test]
     fn errors_that_are_alike_are_told_with_their_size() {
-        // Of a kernel k the variance of a mean of many over that of independent ones is (Σk)² / Σk².
-        for (noise, of_many, within) in [
-            (CameraNoise::Smooth, 1.0 / 0.375f64.powi(2), 0.15),
-            (CameraNoise::Broad, 1.0 / 0.2734f64.powi(2), 0.4),
+        for (noise, of_many) in [
+            (CameraNoise::Smooth, OF_SMOOTH),
+            (CameraNoise::Broad, OF_BROAD),
         ] {
-            let patches = patches(noise);
-            let found = ErrsAlike::of_patches(&patches);
+            let patches = patches(noise, 1.0, |_, _| 0.0);
+            let found = ErrsAlike::of_patches(&patches, 1.0);
             let told_mm = noise_mm(&patches, &found);
-            assert!((told_mm - 1.0).abs() < within, "{noise}: {told_mm} of 1 mm");
+            assert!((told_mm - 1.0).abs() < 0.15, "{noise}: {told_mm} of 1 mm");
             let blind_mm = noise_mm(&patches, &ErrsAlike::INDEPENDENT);
             assert!(blind_mm < 0.7, "{noise}: without it {blind_mm} mm");
             let ratio = found.n_alike_of_many / of_many;
-            assert!((ratio - 1.0).abs() < 2.0 * within, "{noise}: {ratio}");
-            assert!(found.n_alike > 3.0 && found.n_alike < found.n_alike_of_many);
+            assert!((0.7..1.3).contains(&ratio), "{noise}: {ratio}");
+            assert!(found.n_alike > 4.0 && found.n_alike < found.n_alike_of_many);
         }
     }
 
     #[test]
-    fn of_points_that_are_thinned_out_fewer_are_alike() {
-        let found = ErrsAlike::of_patches(&patches(CameraNoise::Smooth));
-        let few = found.every(4);
-        assert!((few.n_alike - 1.0 - (found.n_alike - 1.0) / 4.0).abs() < 1e-12);
+    fn where_points_are_left_out_fewer_are_alike() {
+        let share = 0.2;
+        let all = patches(CameraNoise::Smooth, 1.0, |_, _| 0.0);
+        let few = patches(CameraNoise::Smooth, share, |_, _| 0.0);
+        let truth = 1.0 + share * (OF_SMOOTH - 1.0);
+        let told = ErrsAlike::of_patches(&few, 1.0 / share).n_alike_of_many;
+        let foretold = ErrsAlike::of_patches(&all, 1.0).every(5).n_alike_of_many;
+        for (n, by) in [(told, "their patches"), (foretold, "those of all")] {
+            assert!(
+                (0.6..1.6).contains(&(n / truth)),
+                "by {by} {n}, truly {truth}"
+            );
+        }
         assert_eq!(ErrsAlike::INDEPENDENT.every(7), ErrsAlike::INDEPENDENT);
     }
 }

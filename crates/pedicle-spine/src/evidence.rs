@@ -35,6 +35,8 @@ pub(crate) struct Evidence {
     pub(crate) seen_through: f64,
     /// Of the points close to it the share in front of it.
     pub(crate) hidden_share: f64,
+    /// So many pixels of a camera tell as much as one, for they err alike; 1 where they do not.
+    pub(crate) n_alike: f64,
     /// Noise of the target estimated from it alone.
     pub(crate) sensor_noise_mm: Option<f64>,
     /// Area of the bare bone that a camera saw, mm²; none without a camera, and where its points lie too far apart.

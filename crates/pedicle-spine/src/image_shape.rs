@@ -153,12 +153,13 @@ pub(crate) fn image_shape(
         .step_by(stride)
         .map(|p| picture.around(p, &patches[p]))
         .collect();
-    let alike = ErrsAlike::of_patches(&around);
+    let mm2 = std::f64::consts::PI * radius_mm * radius_mm / PATCH_NEIGHBORS as f64;
+    let alike = ErrsAlike::of_patches(&around, mm2);
     Ok(Some(Local {
         noise_mm: alike.noise_ratio * median(noise),
         alike,
         area_of_point: PointArea {
-            mm2: std::f64::consts::PI * radius_mm * radius_mm / PATCH_NEIGHBORS as f64,
+            mm2,
             depth_mm: picture.depth_mm,
         },
         normals,

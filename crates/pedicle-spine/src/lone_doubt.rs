@@ -1,22 +1,22 @@
 //! A small doubt about a vertebra before a camera that the rest of its spine outweighs.
 //!
 //! ```text
-//! accepted if all its reasons are of one kind, each ≤ r · limit, and n others are accepted without any
+//! accepted if all its reasons are of one kind, each within r · limit, and n others are accepted without any
 //! ```
 //!
 //! A wrong pose misses several limits at once, and by far; a right one now and then misses a single one by a little. Another
 //! patient's spine has hardly a vertebra without a doubt.
 
 use crate::conclusion::Conclusion;
-use crate::landmark_evidence::LandmarkEvidence;
 use crate::rejection::Rejection;
 use crate::verdict_together::chain_rejections;
 use crate::{VerdictOptions, VertebraTransfer};
 
-/// How small a single doubt about a vertebra that a camera saw must be to be outweighed by the others. Ratios of 1 allow none.
+/// How small a single doubt about a vertebra that a camera saw must be to be outweighed by the others. Ratios of 1 allow none. Nothing is outweighed
+/// where something is said against the whole spine.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LoneDoubtOptions {
-    /// Least number of other vertebrae that are accepted without a doubt. Default 2: of another patient's spines no more than
+    /// Least number of other vertebrae that are accepted without a doubt, 1 at least. Default 3: of another patient's spines no more than
     /// one was.
     pub min_sure: usize,
     /// Largest standard deviations of position and orientation over their limits. Default 1.2.
@@ -25,18 +25,18 @@ pub struct LoneDoubtOptions {
     pub max_noise_ratio: f64,
     /// Largest share of points behind the bone over its limit. Default 1.5.
     pub max_behind_ratio: f64,
-    /// Least share by which the next best pose is worse over the one asked for. Default 0.33.
+    /// Least share by which the next best pose is worse over the one asked for. Default 0.55: 8 %, as is asked for without a camera.
     pub min_margin_ratio: f64,
 }
 
 impl Default for LoneDoubtOptions {
     fn default() -> Self {
         Self {
-            min_sure: 2,
+            min_sure: 3,
             max_deviation_ratio: 1.2,
             max_noise_ratio: 1.25,
             max_behind_ratio: 1.5,
-            min_margin_ratio: 0.33,
+            min_margin_ratio: 0.55,
         }
     }
 }
@@ -84,57 +84,123 @@ fn is_lone(reasons: &[Rejection], options: &LoneDoubtOptions) -> bool {
     }
 }
 
+/// A small doubt in words that say how small it is, and ask for nothing.
+pub(crate) fn in_words(doubt: &Rejection) -> String {
+    match doubt {
+        Rejection::PositionUncertain { std_mm, max_mm } => {
+            format!("the position is known to ± {std_mm:.2} mm (limit {max_mm:.2} mm)")
+        }
+        Rejection::OrientationUncertain { std_rad, max_rad } => format!(
+            "the orientation is known to ± {:.2}° (limit {:.2}°)",
+            std_rad.to_degrees(),
+            max_rad.to_degrees()
+        ),
+        Rejection::NoisierThanSensor {
+            noise_mm, max_mm, ..
+        } => {
+            format!("its points lie {noise_mm:.2} mm off its surface (limit {max_mm:.2} mm)")
+        }
+        Rejection::BehindBone { share, max } => format!(
+            "{:.1} % of the points on it lie behind it (limit {:.1} %)",
+            100.0 * share,
+            100.0 * max
+        ),
+        Rejection::Ambiguous { margin, min } => format!(
+            "the next best pose is {:.1} % worse (limit {:.1} %)",
+            100.0 * margin,
+            100.0 * min
+        ),
+        other => other.to_string(),
+    }
+}
+
 impl Conclusion<'_> {
-    /// Accepts what has one small doubt, where enough others have none: the doubt is kept beside the verdict.
+    /// Accepts what has one small doubt, where enough others have none and nothing is said against the whole spine: the doubt is
+    /// kept beside the verdict.
     pub(crate) fn outweigh(
         &self,
         vertebrae: &mut [VertebraTransfer],
-        names: &LandmarkEvidence,
+        is_spine_doubted: bool,
         options: &VerdictOptions,
     ) {
-        let n_sure = vertebrae.iter().filter(|v| v.accepted).count();
-        if n_sure < options.lone_doubt.min_sure {
+        let sure: Vec<usize> = of_all(vertebrae, |v| v.accepted);
+        if is_spine_doubted || sure.len() < options.lone_doubt.min_sure {
             return;
         }
-        for v in 0..vertebrae.len() {
-            let is_named_wrongly = names.lies_on[v].is_some() || names.lies_beyond[v].is_some();
-            let is_told = self.fit.fits[v].seen.is_some() && !is_named_wrongly;
-            if !is_told || !is_lone(&vertebrae[v].reasons, &options.lone_doubt) {
-                continue;
-            }
-            let against = self.against_neighbours(v, vertebrae, options);
-            let vertebra = &mut vertebrae[v];
+        let candidates = of_all(vertebrae, |v| is_lone(&v.reasons, &options.lone_doubt));
+        let candidates = candidates
+            .into_iter()
+            .filter(|&v| self.fit.fits[v].seen.is_some());
+        let (mut held, mut refused) = (Vec::new(), Vec::new());
+        for v in candidates {
+            let mut against = self.against_nearest(v, &sure, vertebrae, options);
+            // Whether its bumps are those of the plan, with those of all that tell of it.
+            against.extend(self.together(vertebrae, Some(v), options));
             if against.is_empty() {
-                vertebra.accepted = true;
-                vertebra.doubts = std::mem::take(&mut vertebra.reasons);
+                held.push(v);
             } else {
-                vertebra.reasons.extend(against);
+                refused.push((v, against));
             }
+        }
+        // Of two that contradict each other neither is the one to believe.
+        for &v in &held {
+            let others: Vec<usize> = held.iter().copied().filter(|&u| u != v).collect();
+            let against = self.against_nearest(v, &others, vertebrae, options);
+            if !against.is_empty() {
+                refused.push((v, against));
+            }
+        }
+        held.retain(|v| refused.iter().all(|(u, _)| u != v));
+        for (v, against) in refused {
+            vertebrae[v].reasons.extend(against);
+        }
+        for v in held {
+            let vertebra = &mut vertebrae[v];
+            vertebra.accepted = true;
+            vertebra.doubts = std::mem::take(&mut vertebra.reasons);
         }
     }
 
-    /// What the chain says of a vertebra and its accepted neighbours.
-    fn against_neighbours(
+    /// What the chain says of a vertebra and the nearest of some others above and below it: more of what lies farther away.
+    fn against_nearest(
         &self,
         v: usize,
+        others: &[usize],
         vertebrae: &[VertebraTransfer],
         options: &VerdictOptions,
     ) -> Vec<Rejection> {
         let centroid = |v: usize| self.model.vertebrae[v].bone.centroid();
-        let neighbours = [v.checked_sub(1), Some(v + 1)].into_iter().flatten();
-        let accepted =
-            neighbours.filter_map(|u| Some((u, vertebrae.get(u).filter(|v| v.accepted)?)));
         let own = &vertebrae[v].target_from_source;
-        let against = accepted.map(|(u, other)| {
+        let against = nearest_beside(v, others).map(|u| {
+            let mut options = *options;
+            options.max_neighbour_turn_rad *= v.abs_diff(u) as f64;
+            options.max_neighbour_shift_mm *= v.abs_diff(u) as f64;
+            let other = &vertebrae[u];
             chain_rejections(
                 (own, &centroid(v)),
                 (&other.target_from_source, &centroid(u)),
                 other.level,
-                options,
+                &options,
             )
         });
         against.flatten().collect()
     }
+}
+
+/// The nearest of some others above and below.
+fn nearest_beside(v: usize, others: &[usize]) -> impl Iterator<Item = usize> {
+    let above = others.iter().copied().filter(|&u| u < v).max();
+    let below = others.iter().copied().filter(|&u| u > v).min();
+    above.into_iter().chain(below)
+}
+
+/// Places of those that have something in common.
+fn of_all(
+    vertebrae: &[VertebraTransfer],
+    is_one: impl Fn(&VertebraTransfer) -> bool,
+) -> Vec<usize> {
+    let all = vertebrae.iter().enumerate();
+    all.filter(|(_, v)| is_one(v)).map(|(v, _)| v).collect()
 }
 
 #[cfg(test)]
@@ -173,7 +239,7 @@ mod tests {
         for (small, large) in [
             (position(0.47), position(0.49)),
             (behind(0.037), behind(0.038)),
-            (rival(0.06), rival(0.04)),
+            (rival(0.083), rival(0.082)),
             (noisier(0.62), noisier(0.63)),
         ] {
             assert!(is_outweighed(std::slice::from_ref(&small)), "{small}");
@@ -201,6 +267,27 @@ mod tests {
         assert!(!is_outweighed(&[turned, rival(0.1)]));
         assert!(!is_outweighed(&[behind(0.03), behind(0.3)]));
         assert!(!is_outweighed(&[]));
+    }
+
+    #[test]
+    fn every_doubt_is_held_against_the_nearest_on_both_sides() {
+        let beside = |v, others: &[usize]| nearest_beside(v, others).collect::<Vec<_>>();
+        assert_eq!(beside(2, &[0, 1, 4]), [1, 4]);
+        assert_eq!(beside(3, &[0, 1]), [1], "it need not be a neighbour");
+        assert_eq!(beside(0, &[0, 2, 3]), [2], "and is never itself");
+    }
+
+    #[test]
+    fn doubts_in_words_ask_for_nothing() {
+        let words = in_words(&behind(0.027));
+        assert_eq!(
+            words,
+            "2.7 % of the points on it lie behind it (limit 2.5 %)"
+        );
+        for doubt in [position(0.42), rival(0.14), noisier(0.55)] {
+            let words = in_words(&doubt);
+            assert!(words.contains("limit") && !words.contains('?'), "{words}");
+        }
     }
 
     #[test]

@@ -4,8 +4,9 @@
 //! m² = Σ r_i r_j / N   over the N pairs with |p_i - p_j| ≤ 6 mm and n_i · n_j ≥ 0.7
 //! ```
 //!
-//! r are the signed distances of the target points from the surface in its pose. Noise of a sensor
-//! is independent from point to point, so under the right bone m² is small. Another shape (another
+//! r are the signed distances of the target points from the surface in its pose. Where noise
+//! is independent from point to point m² is small under the right bone; where a camera's pixels err alike ([`crate::errs_alike`]) it is what
+//! their correlation makes it. Another shape (another
 //! patient, another level, soft tissue) leaves dents and bumps of some millimetres' extent:
 //! neighbouring residuals agree in sign, and m is the depth of the bumps. This is Moran's I
 //! (Moran 1950) without the division by the variance, in mm.
@@ -143,10 +144,11 @@ pub(crate) fn misfit(
         })
         .collect();
     let by_curvature = CURVATURE_PER_MM * noise_mm * noise_mm;
-    compared(within, |_, _| by_curvature * by_curvature)
+    compared(within, NoiseOfPairs::Same(by_curvature * by_curvature))
 }
 
-/// The same of what a camera saw, by distances along its rays: noise leaves no bumps there.
+/// The same of what a camera saw, by distances along its rays: noise leaves no bumps through the curvature there, but those of
+/// pixels that err alike.
 pub(crate) fn misfit_along_rays(
     sight: &Sight<'_>,
     points: &[Point3<f64>],
@@ -164,32 +166,51 @@ pub(crate) fn misfit_along_rays(
             })
         })
         .collect();
-    let ErrsAlike {
-        length_mm, n_alike, ..
-    } = alike;
-    let alike = |a: &OnBone, b: &OnBone| correlation(sight.apart_mm(&a.point, &b.point), length_mm);
-    let found = compared(within, |within, pairs| {
-        if length_mm == 0.0 {
-            return 0.0;
-        }
-        let n: usize = pairs.iter().map(Vec::len).sum();
-        let all = within.iter().zip(pairs);
-        let sum: f64 = all
-            .flat_map(|(a, others)| others.iter().map(move |&j| alike(a, &within[j])))
-            .sum();
-        noise_mm * noise_mm * sum / n as f64
-    })?;
-    Ok(Misfit {
-        deviation_mm2: n_alike * found.deviation_mm2,
-        ..found
-    })
+    if alike.length_mm == 0.0 {
+        return compared(within, NoiseOfPairs::Same(0.0));
+    }
+    let of_pair =
+        |a: &OnBone, b: &OnBone| correlation(sight.apart_mm(&a.point, &b.point), alike.length_mm);
+    let noise = NoiseOfPairs::Alike {
+        of_pair: &of_pair,
+        noise_mm,
+    };
+    compared(within, noise)
 }
 
-/// With m² of noise alone for some points and the pairs of them, mm².
-fn compared(
-    mut within: Vec<OnBone>,
-    by_noise: impl Fn(&[OnBone], &[Vec<usize>]) -> f64,
-) -> Result<Misfit, SpineError> {
+/// What noise alone makes of the products of pairs.
+enum NoiseOfPairs<'a> {
+    /// The same m² of all, mm².
+    Same(f64),
+    /// Correlations: errors that are alike.
+    Alike {
+        of_pair: &'a dyn Fn(&OnBone, &OnBone) -> f64,
+        noise_mm: f64,
+    },
+}
+
+impl NoiseOfPairs<'_> {
+    /// m² of noise alone, and by how much its standard deviation is larger than that of independent errors.
+    fn of(&self, within: &[OnBone], pairs: &[Vec<usize>], variance: f64) -> (f64, f64) {
+        match self {
+            Self::Same(square_mm2) => (*square_mm2, 1.0),
+            Self::Alike { of_pair, noise_mm } => {
+                let all = within.iter().zip(pairs);
+                let sum: f64 = all
+                    .flat_map(|(a, others)| others.iter().map(move |&j| of_pair(a, &within[j])))
+                    .sum();
+                let n_pairs: usize = pairs.iter().map(Vec::len).sum();
+                // Noise cannot explain more than there is.
+                let told = noise_mm * noise_mm;
+                let variance = if told < variance { told } else { variance };
+                let by_noise_mm2 = variance * sum / n_pairs as f64;
+                (by_noise_mm2, 1.0 + 2.0 * sum / within.len() as f64)
+            }
+        }
+    }
+}
+
+fn compared(mut within: Vec<OnBone>, noise: NoiseOfPairs<'_>) -> Result<Misfit, SpineError> {
     let stride = within.len().div_ceil(MAX_POINTS).max(1);
     if stride > 1 {
         within = within.into_iter().step_by(stride).collect();
@@ -205,11 +226,11 @@ fn compared(
     let residuals: Vec<f64> = within.iter().map(|w| w.residual).collect();
     let covariance_mm2 = covariance(&residuals, &pairs);
     let variance = mean_square(&residuals);
-
+    let (by_noise_mm2, wider) = noise.of(&within, &pairs, variance);
     Ok(Misfit {
         covariance_mm2,
-        by_noise_mm2: by_noise(&within, &pairs),
-        deviation_mm2: variance / (n_pairs as f64).sqrt(),
+        by_noise_mm2,
+        deviation_mm2: wider * variance / (n_pairs as f64).sqrt(),
         // Of the points that were thinned out every one has as many pairs again.
         pairs_over_variance: if variance > 0.0 {
             (stride * n_pairs) as f64 / (within.len() as f64 * variance)

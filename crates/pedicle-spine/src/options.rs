@@ -112,7 +112,7 @@ pub struct VerdictOptions {
     /// The same for the misfit of all vertebrae together. Default 3: with less, a real spine was rejected
     /// at a noise of 1 mm, because noise leaves deeper bumps on it than on generated ones.
     pub pooled_misfit_in_sigma: f64,
-    /// Largest depth of the bumps of all vertebrae together along the rays of a camera, mm, where noise leaves none. Default 0.14.
+    /// Largest depth of the bumps of all vertebrae together along the rays of a camera beyond what pixels that err alike leave, mm. Default 0.14.
     pub max_pooled_misfit_of_camera_mm: f64,
     /// Largest change of the shape of all bones together that noise may feign, in standard deviations of its χ². Judged
     /// from a noise of 1.25 mm on, where noise hides bumps. Not of what a camera saw. Default 2.4.
@@ -123,7 +123,8 @@ pub struct VerdictOptions {
     /// more, and in other ways too. Default 1.9: at 2 mm targets seen whole have 3 and more, of those
     /// of which half is seen most have 2 and more.
     pub min_shape_shown: f64,
-    /// Largest noise of what a camera saw, mm. Default 2.2: beyond that nothing was tried.
+    /// Largest noise of what a camera saw, mm. Default 2.2: beyond that nothing was tried. Of a camera whose pixels err alike, n of which tell as much
+    /// as one, it is by √n less: its points tell as little of the shape.
     pub max_noise_of_camera_mm: f64,
     /// Largest share of the bone towards the camera that it may have seen through. Default 0.02: right poses show less than 0.005.
     pub max_seen_through: f64,
@@ -174,6 +175,8 @@ impl MapOptions {
 impl TransferOptions {
     /// Whether the settings make sense.
     pub(crate) fn check(&self) -> Result<(), SpineError> {
+        let lone = &self.verdict.lone_doubt;
+        positive("lone_doubt.min_sure", lone.min_sure as f64)?;
         let search = &self.search;
         positive("number of gates_mm", search.gates_mm.len() as f64)?;
         for &gate in &search.gates_mm {

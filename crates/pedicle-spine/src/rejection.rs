@@ -75,6 +75,8 @@ pub enum Rejection {
     BehindBone { share: f64, max: f64 },
     /// The same of the bones of the whole spine.
     BehindSpine { share: f64, max: f64 },
+    /// Most other vertebrae before a camera do not fit what it saw.
+    OthersDiffer { n_differ: usize, n_others: usize },
     /// Too much of what lies close to the bone lies a little in front of it.
     Hidden { share: f64, max: f64 },
     /// It lies far from where the user put its landmark.
@@ -82,6 +84,18 @@ pub enum Rejection {
 }
 
 impl Rejection {
+    /// Whether this says that the points are another bone's, or none's.
+    pub(crate) fn is_about_shape(&self) -> bool {
+        matches!(
+            self,
+            Self::NoisierThanOthers { .. }
+                | Self::NoisierThanSensor { .. }
+                | Self::ShapeDiffers { .. }
+                | Self::SeenThrough { .. }
+                | Self::BehindBone { .. }
+        )
+    }
+
     /// Whether this says how well the pose is known, and nothing against it.
     pub(crate) fn is_about_precision(&self) -> bool {
         matches!(
@@ -265,6 +279,10 @@ impl std::fmt::Display for Rejection {
                  is this the right patient?",
                 100.0 * share,
                 100.0 * max
+            ),
+            Self::OthersDiffer { n_differ, n_others } => write!(
+                f,
+                "{n_differ} of the other {n_others} vertebrae do not fit what the camera saw: is this the right patient?"
             ),
             Self::Hidden { share, max } => write!(
                 f,

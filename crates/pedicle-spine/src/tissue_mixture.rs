@@ -3,12 +3,12 @@
 //!
 //! ```text
 //! w_i = π N(r̄_i; s_i) / p(r̄_i),   p(r̄) = π N(r̄; s) + (1 - π) { [Φ(r̄/s) - Φ((r̄ - H)/s)] / H + ε }
-//! s_i² = σ²/n_i + τ²,   T = argmin Σ_i w_i r_i(T)²
+//! s_i² = σ² k/n_i + τ²,   T = argmin Σ_i w_i r_i(T)²
 //! ```
 //!
 //! r are signed distances along the rays, at right angles to the surface ([`crate::seen_bone`]), positive in front
 //! of it, r̄ their means over patches of n neighbouring points of the picture: tissue lies in front over many
-//! points, noise on one. Tissue is as likely at every thickness up to H; ε is for everything else. τ is what a pose
+//! points, noise on one, or on k pixels that err alike ([`crate::errs_alike`]). Tissue is as likely at every thickness up to H; ε is for everything else. τ is what a pose
 //! and a surface of triangles leave. σ and π are inferred beside w, in turns with the pose (expectation and maximisation,
 //! Dempster, Laird & Rubin 1977), as long as Σ log p(r̄_i)/n_i grows.
 //!

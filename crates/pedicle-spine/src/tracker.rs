@@ -101,7 +101,8 @@ pub struct SpineTracker<'a> {
 }
 
 impl<'a> SpineTracker<'a> {
-    /// Starts from the result of a transfer. Vertebrae that it does not vouch for are not followed.
+    /// Starts from the result of a transfer. Vertebrae that it does not vouch for are not followed; those that it accepts with a small doubt
+    /// ([`VertebraTransfer::doubts`](crate::VertebraTransfer::doubts)) are, and the frames do not repeat the doubt. Pixels of frames are taken to err independently.
     ///
     /// # Errors
     /// [`SpineError::InvalidOption`], or [`SpineError::NothingToTrack`] if it vouches for none.

@@ -158,6 +158,7 @@ impl SpineTracker<'_> {
             misfit: own.misfit,
             seen_through: own.seen_through,
             hidden_share: share(own.n_hiding, own.n_hiding + own.n_explained),
+            n_alike: 1.0,
             sensor_noise_mm: whole.sensor_noise_mm,
             // How much bare bone is enough, the first result has settled as well.
             bare_area_mm2: Some(f64::INFINITY),

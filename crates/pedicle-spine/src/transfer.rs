@@ -11,6 +11,7 @@ use crate::conclusion::Conclusion;
 use crate::finish::finish;
 use crate::free_space::FreeSpace;
 use crate::hypotheses::{Configuration, Origin};
+use crate::lone_doubt::in_words;
 use crate::map::{MapReport, map_poses};
 use crate::map_shape::{MapShape, simplified, without_crumbs};
 use crate::model::{SpineModel, given_by_level};
@@ -105,28 +106,33 @@ pub struct VertebraTransfer {
 }
 
 impl VertebraTransfer {
+    /// Its [`doubts`](Self::doubts) as sentences that say how small they are.
+    #[must_use]
+    pub fn doubts_in_words(&self) -> Vec<String> {
+        self.doubts.iter().map(in_words).collect()
+    }
+
     /// What a user must know of a vertebra whether it is accepted or not, as a sentence: that its landmark lies on another one, or a level
     /// beyond the end; or a doubt that the others outweigh.
     #[must_use]
     pub fn notice(&self) -> Option<String> {
         let level = self.level;
         let lies = match self.landmark_lies_on {
-            Some(other) => format!("on {other}"),
+            Some(other) => Some(format!("on {other}")),
             None if self.landmark_lies_beyond => {
-                format!("a level beyond {level}, as the other names do")
+                Some(format!("a level beyond {level}, as the other names do"))
             }
-            None if self.doubts.is_empty() => return None,
-            None => {
-                let doubts: Vec<String> = self.doubts.iter().map(ToString::to_string).collect();
-                return Some(format!(
-                    "accepted with a small doubt, which the other vertebrae outweigh: {}",
-                    doubts.join("; ")
-                ));
-            }
+            None => None,
         };
-        Some(format!(
-            "the landmark named {level} lies {lies}: check the names"
-        ))
+        let name =
+            lies.map(|lies| format!("the landmark named {level} lies {lies}: check the names"));
+        let doubts = self.doubts_in_words();
+        let doubt = (!doubts.is_empty()).then(|| {
+            let doubts = doubts.join("; ");
+            format!("accepted with a small doubt, which the other vertebrae outweigh: {doubts}")
+        });
+        let all: Vec<String> = name.into_iter().chain(doubt).collect();
+        (!all.is_empty()).then(|| all.join("; "))
     }
 }
 

@@ -215,6 +215,7 @@ mod tests {
             misfit: Misfit::NOISE_ONLY,
             seen_through: 0.0,
             hidden_share: 0.0,
+            n_alike: 1.0,
             sensor_noise_mm: None,
             bare_area_mm2: None,
             behind_share: None,

@@ -56,7 +56,8 @@ pub(crate) fn second_smallest(mut noises_mm: Vec<f64>) -> f64 {
 /// Against the limit of the target and against the other vertebrae. A NaN never holds.
 pub(crate) fn noise_of_target(evidence: &Evidence, options: &VerdictOptions) -> Vec<Rejection> {
     let max_mm = if evidence.is_from_camera {
-        options.max_noise_of_camera_mm
+        // Fewer points tell as little of the shape as noisier ones.
+        options.max_noise_of_camera_mm / evidence.n_alike.sqrt()
     } else {
         options.max_noise_mm
     };

@@ -77,6 +77,12 @@ pub(crate) fn behind_rejection(
     (!holds).then_some(Rejection::BehindSpine { share, max })
 }
 
+/// Whether most of the other vertebrae with a fit do not fit what a camera saw, as those of another patient do not: what is said of a
+/// vertebra that does.
+pub(crate) fn others_rejection(n_differ: usize, n_others: usize) -> Option<Rejection> {
+    (2 * n_differ > n_others).then_some(Rejection::OthersDiffer { n_differ, n_others })
+}
+
 /// What the chain says of a vertebra and a neighbour that are both trusted otherwise: each as
 /// `target_from_source` and its centroid in the source.
 pub(crate) fn chain_rejections(
@@ -212,6 +218,20 @@ mod tests {
         assert_eq!(judged(0.9), None, "noise");
         assert!(judged(6.0).is_some_and(|r| r.contains("right patient")));
         assert!(judged(f64::NAN).is_some());
+    }
+
+    #[test]
+    fn a_vertebra_alone_among_others_that_do_not_fit_is_refused() {
+        assert!(
+            others_rejection(3, 4).is_some_and(|r| r.to_string().starts_with("3 of the other 4"))
+        );
+        assert!(others_rejection(2, 3).is_some());
+        assert_eq!(
+            others_rejection(2, 4),
+            None,
+            "half of them may lie under tissue"
+        );
+        assert_eq!(others_rejection(0, 0), None);
     }
 
     #[test]

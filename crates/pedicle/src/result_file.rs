@@ -72,6 +72,9 @@ pub struct VertebraEntry {
     pub accepted: bool,
     /// Why not, as sentences.
     pub reasons: Vec<String>,
+    /// What speaks against an accepted vertebra a little, and the others outweigh, as sentences.
+    #[serde(default)]
+    pub doubts: Vec<String>,
     /// What a user must know even of an accepted vertebra: a landmark that has the name of another one, or a small doubt
     /// that the other vertebrae outweigh; null if there is nothing.
     #[serde(default)]
@@ -163,6 +166,7 @@ impl From<&Transfer> for TransferFile {
                     level: v.level,
                     accepted: v.accepted,
                     reasons: v.reasons.iter().map(ToString::to_string).collect(),
+                    doubts: v.doubts_in_words(),
                     notice: v.notice(),
                     target_from_source: rows(|i, j| matrix[(i, j)]),
                     residual_mm: finite(v.residual_mm),

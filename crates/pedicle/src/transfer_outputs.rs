@@ -64,6 +64,9 @@ pub struct TransformEntry {
     pub level: Level,
     /// Whether the method vouches for it.
     pub accepted: bool,
+    /// What speaks against it a little although it is accepted, as sentences.
+    #[serde(default)]
+    pub doubts: Vec<String>,
     /// What a user must know of it all the same: a landmark that has the name of another level, or a small doubt that the
     /// others outweigh; null if there is nothing.
     #[serde(default)]
@@ -94,6 +97,7 @@ pub fn write_transforms(folder: &Path, transfer: &Transfer, spaces: Spaces) -> R
         vertebrae.push(TransformEntry {
             level: v.level,
             accepted: v.accepted,
+            doubts: v.doubts_in_words(),
             notice: v.notice(),
             target_from_source: std::array::from_fn(|i| std::array::from_fn(|j| matrix[(i, j)])),
         });

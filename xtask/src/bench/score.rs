@@ -245,7 +245,7 @@ fn judge(
     let level = truth.vertebra.level;
     let found = &transfer.vertebrae[level.index()];
     let reasons: Vec<String> = found.reasons.iter().map(ToString::to_string).collect();
-    let doubts: Vec<String> = found.doubts.iter().map(ToString::to_string).collect();
+    let doubts = found.doubts_in_words();
     let verdict = match (found.accepted, doubts.is_empty()) {
         (true, true) => String::new(),
         (true, false) => format!(" in spite of: {}", doubts.join("; ")),

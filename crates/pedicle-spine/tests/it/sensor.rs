@@ -6,12 +6,12 @@ use pedicle_simulation::{
     simulate_suite_with,
 };
 use pedicle_spine::{
-    LoneDoubtOptions, Rejection, SensorView, SpineTracker, Target, TargetSurface, TrackerOptions,
-    TransferOptions, transfer,
+    LoneDoubtOptions, Rejection, SensorView, SpineError, SpineTracker, Target, TargetSurface,
+    TrackerOptions, Transfer, TransferOptions, transfer,
 };
 use pedicle_trajectory::{Level, SafetyMargins};
 
-use super::{run, scene, seen_by_method, suite_target, verdicts};
+use super::{run, scene, seen_by_method, simulated, suite_target, target_of, verdicts};
 
 fn cell(form: SensorForm, cover: f64) -> SuiteCell {
     SuiteCell::Sensor {
@@ -107,7 +107,7 @@ fn a_small_doubt_is_outweighed_by_the_other_vertebrae_and_told() {
         outweighed.doubts
     );
     let words = outweighed.notice().expect("a doubt is told");
-    assert!(words.contains("another pose"), "{words}");
+    assert!(words.contains("next best pose"), "{words}");
 
     for lone_doubt in [
         LoneDoubtOptions {
@@ -128,6 +128,27 @@ fn a_small_doubt_is_outweighed_by_the_other_vertebrae_and_told() {
             refused.reasons
         );
     }
+}
+
+#[test]
+fn without_a_camera_no_doubt_is_outweighed() {
+    let target = target_of(&simulated(Deformation::NonRigid, 0.5, 3));
+    let margins = |found: Transfer| {
+        let margins = found.vertebrae.iter().map(|v| v.alternative_margin);
+        margins.fold(f64::INFINITY, f64::min)
+    };
+    let mut options = TransferOptions::default();
+    options.verdict.min_alternative_margin = 1.001 * margins(run(&target));
+    let plan = scene().phantom.plan();
+    let found = transfer(&scene().model, &plan, &target, &options).unwrap();
+    let n_accepted = found.vertebrae.iter().filter(|v| v.accepted).count();
+    assert_eq!(n_accepted, 4, "the one with the least margin is refused");
+    options.verdict.lone_doubt.min_sure = 0;
+    let refused = transfer(&scene().model, &plan, &target, &options);
+    assert!(
+        matches!(refused, Err(SpineError::InvalidOption { .. })),
+        "some must be sure"
+    );
 }
 
 #[test]
