@@ -84,7 +84,7 @@ impl Conclusion<'_> {
                 vertebra.reasons.extend(found);
             }
         }
-        let together = self.together(&vertebrae, None, options);
+        let together = self.together(&vertebrae, &[], options);
         let shape = self.shape(&vertebrae);
         let differs = shape.and_then(|change| shape_rejection(&change, options));
         let shows = shape.is_some_and(|change| change.shows >= options.min_shape_shown);
@@ -117,16 +117,16 @@ impl Conclusion<'_> {
     }
 
     /// What the shapes of all vertebrae say together: those of which nothing is known but how precise
-    /// their poses are, unless most differ alone already; and one more.
+    /// their poses are, unless most differ alone already; and some more.
     pub(crate) fn together(
         &self,
         vertebrae: &[VertebraTransfer],
-        one_more: Option<usize>,
+        more: &[usize],
         options: &VerdictOptions,
     ) -> Option<Rejection> {
-        let others = witnesses(vertebrae).filter(|&v| Some(v) != one_more);
+        let others = witnesses(vertebrae).filter(|v| !more.contains(v));
         let misfits: Vec<Misfit> = others
-            .chain(one_more)
+            .chain(more.iter().copied())
             .map(|v| self.fit.fits[v].misfit)
             .collect();
         let is_along_rays = self.fit.fits.iter().any(|fit| fit.seen.is_some());

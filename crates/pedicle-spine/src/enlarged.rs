@@ -8,6 +8,7 @@
 
 use pedicle_registration::PoseCovariance;
 
+use crate::errs_alike::ErrsAlike;
 use crate::misfit::Misfit;
 use crate::sensor::Sensor;
 
@@ -36,6 +37,20 @@ fn inflation_of_camera(noise_mm: f64, hidden_share: f64) -> f64 {
     INFLATION_OF_CAMERA * (1.0 + INFLATION_OF_TISSUE * tissue)
 }
 
+/// What correlated residuals do to a covariance in which pixels that err alike are already: these make n of every one, and what is left of m² adds to
+/// that. Where they are not told, they may be the m² themselves.
+fn grown_beside(alike: &ErrsAlike, misfit: &Misfit) -> f64 {
+    let n = alike.n_alike_of_many;
+    let grown = misfit.inflation(misfit.by_noise_mm2);
+    if alike.is_told() {
+        1.0 + (grown - 1.0) / n
+    } else if grown > n {
+        grown / n
+    } else {
+        1.0
+    }
+}
+
 /// The covariance with what the first order and independent residuals leave out.
 pub(crate) fn enlarged(
     covariance: &PoseCovariance,
@@ -46,8 +61,7 @@ pub(crate) fn enlarged(
     let factor = 1.0 + INFLATION_PER_MM * noise_mm;
     // What noise does through the curvature is in the first factor or in the covariance already, but where a sensor is known it does more.
     let (factor, grown) = match (sensor.picture, sensor.noise_mm) {
-        // What pixels that err alike do is in the covariance already.
-        (Some(_), _) => (factor, misfit.inflation(misfit.by_noise_mm2)),
+        (Some(picture), _) => (factor, grown_beside(&picture.alike, misfit)),
         (None, Some(sensor_mm)) => (
             inflation_of_camera(sensor_mm, hidden_share) * factor,
             misfit.inflation(0.0),
@@ -57,5 +71,36 @@ pub(crate) fn enlarged(
     PoseCovariance {
         matrix: covariance.matrix * (factor * factor * grown),
         center: covariance.center,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pixels_that_err_alike_count_once() {
+        let bumps = |by_noise_mm2| Misfit {
+            covariance_mm2: 2.005,
+            by_noise_mm2,
+            deviation_mm2: 0.005,
+            pairs_over_variance: 1.0,
+            n_pairs: 500,
+        };
+        let told = ErrsAlike {
+            length_mm: 1.0,
+            n_alike_of_many: 4.0,
+            ..ErrsAlike::INDEPENDENT
+        };
+        // Var Σ r = n σ² (4 + 2), of which 4 are in the covariance.
+        assert!((grown_beside(&told, &bumps(1.0)) - 1.5).abs() < 1e-12);
+        assert!((grown_beside(&told, &bumps(2.0)) - 1.0).abs() < 1e-12);
+        let hidden = ErrsAlike {
+            length_mm: 0.0,
+            ..told
+        };
+        assert!((grown_beside(&hidden, &bumps(0.0)) - 1.25).abs() < 1e-12);
+        let alone = ErrsAlike::INDEPENDENT;
+        assert!((grown_beside(&alone, &bumps(0.0)) - 5.0).abs() < 1e-12);
     }
 }

@@ -68,7 +68,7 @@ pub(crate) struct SpineFit {
     pub(crate) noise_mm: f64,
     /// The same from the target alone.
     pub(crate) sensor_noise_mm: Option<f64>,
-    /// So many pixels of the camera tell as much as one.
+    /// So many pixels of the camera tell as much as one, where that is told.
     pub(crate) n_alike: f64,
     /// Share of the target points that no vertebra explains.
     pub(crate) unexplained_share: f64,
@@ -240,7 +240,10 @@ pub(crate) fn finish(
         fits,
         noise_mm: told_noise_mm,
         sensor_noise_mm: sensor.picture.map(|p| p.noise_mm).or(sensor.noise_mm),
-        n_alike: sensor.picture.map_or(1.0, |p| p.alike.n_alike_of_many),
+        n_alike: match sensor.picture {
+            Some(picture) if picture.alike.is_told() => picture.alike.n_alike_of_many,
+            _ => 1.0,
+        },
         unexplained_share: explained.unexplained_share(),
         needs_shape,
         is_from_camera: sensor.free_space.is_some(),

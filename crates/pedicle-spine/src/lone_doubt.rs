@@ -135,7 +135,7 @@ impl Conclusion<'_> {
         for v in candidates {
             let mut against = self.against_nearest(v, &sure, vertebrae, options);
             // Whether its bumps are those of the plan, with those of all that tell of it.
-            against.extend(self.together(vertebrae, Some(v), options));
+            against.extend(self.together(vertebrae, &[v], options));
             if against.is_empty() {
                 held.push(v);
             } else {
@@ -151,6 +151,10 @@ impl Conclusion<'_> {
             }
         }
         held.retain(|v| refused.iter().all(|(u, _)| u != v));
+        // What each may say alone all of them must not say together.
+        if let Some(reason) = self.together(vertebrae, &held, options) {
+            refused.extend(held.drain(..).map(|v| (v, vec![reason.clone()])));
+        }
         for (v, against) in refused {
             vertebrae[v].reasons.extend(against);
         }

@@ -166,7 +166,7 @@ pub(crate) fn misfit_along_rays(
             })
         })
         .collect();
-    if alike.length_mm == 0.0 {
+    if !alike.is_told() {
         return compared(within, NoiseOfPairs::Same(0.0));
     }
     let of_pair =

@@ -8,7 +8,6 @@ use pedicle_trajectory::Level;
 use rand::seq::index;
 use rand_chacha::ChaCha8Rng;
 
-use crate::errs_alike::ErrsAlike;
 use crate::image_shape::image_shape;
 use crate::local_shape::{Local, local_shape, not_alone};
 use crate::map_shape::clean;
@@ -87,11 +86,7 @@ pub(crate) fn prepare(
         .as_ref()
         .map(|picture| picture.alike)
         .unwrap_or_default();
-    let told_by = if alike == ErrsAlike::INDEPENDENT {
-        &local
-    } else {
-        &picture
-    };
+    let told_by = if alike.is_told() { &picture } else { &local };
     let sensor_noise_mm = told_by.as_ref().map(|local| local.noise_mm);
     if let Some(local) = local {
         let points = &mut fine.points;

@@ -25,7 +25,12 @@ pub enum Rejection {
     /// Too many of its points do not lie on its surface.
     PoorFit { explained_share: f64, min: f64 },
     /// The target is too noisy.
-    Noisy { noise_mm: f64, max_mm: f64 },
+    Noisy {
+        noise_mm: f64,
+        max_mm: f64,
+        /// So many pixels of the camera tell as much as one; 1 where they err independently.
+        n_alike: f64,
+    },
     /// The surface seen does not fix its position.
     PositionUncertain { std_mm: f64, max_mm: f64 },
     /// The surface seen does not fix its orientation.
@@ -151,11 +156,22 @@ impl std::fmt::Display for Rejection {
                 100.0 * explained_share,
                 100.0 * min
             ),
-            Self::Noisy { noise_mm, max_mm } => {
+            Self::Noisy {
+                noise_mm,
+                max_mm,
+                n_alike,
+            } => {
                 write!(
                     f,
                     "the target is too noisy ({noise_mm:.2} mm, at most {max_mm:.2} mm)"
-                )
+                )?;
+                if *n_alike > 1.0 {
+                    write!(
+                        f,
+                        ": {n_alike:.0} pixels tell as much as one, for neighbours err alike: give the points unfiltered"
+                    )?;
+                }
+                Ok(())
             }
             Self::PositionUncertain { std_mm, max_mm } => write!(
                 f,

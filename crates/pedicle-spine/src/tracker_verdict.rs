@@ -170,7 +170,13 @@ impl SpineTracker<'_> {
         let before_mm = self.noise_mm.unwrap_or(f64::INFINITY);
         let max_mm = NOISE_RATIO * before_mm + NOISE_EXCESS_MM;
         let is_quiet = noise_mm <= max_mm;
-        found.or_else(|| (!is_quiet).then_some(Rejection::Noisy { noise_mm, max_mm }))
+        found.or_else(|| {
+            (!is_quiet).then_some(Rejection::Noisy {
+                noise_mm,
+                max_mm,
+                n_alike: 1.0,
+            })
+        })
     }
 
     /// Which fits, vouched for or not, are good enough to look for the vertebra beside them.

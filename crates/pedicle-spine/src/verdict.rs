@@ -228,6 +228,34 @@ mod tests {
     }
 
     #[test]
+    fn a_camera_whose_pixels_err_alike_may_be_less_noisy() {
+        let judged = |n_alike: f64| {
+            let seen = Evidence {
+                is_from_camera: true,
+                noise_mm: 1.2,
+                target_noise_mm: 1.2,
+                bare_area_mm2: Some(900.0),
+                behind_share: Some(0.0),
+                n_alike,
+                ..good()
+            };
+            rejections(&seen, &VerdictOptions::default())
+        };
+        let noisy = |found: &[Rejection]| {
+            let words = found.iter().map(ToString::to_string);
+            words
+                .filter(|w| w.contains("too noisy"))
+                .collect::<Vec<_>>()
+        };
+        assert!(noisy(&judged(1.0)).is_empty());
+        let words = noisy(&judged(4.0)).concat();
+        assert!(
+            words.contains("at most 1.10 mm") && words.contains("4 pixels"),
+            "{words}"
+        );
+    }
+
+    #[test]
     fn landmarks_lend_the_levels_support_and_never_outweigh_the_shape() {
         let options = VerdictOptions::default();
         let judged = |margin: f64, supported: bool| {

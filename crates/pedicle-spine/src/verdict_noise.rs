@@ -72,7 +72,11 @@ pub(crate) fn noise_of_target(evidence: &Evidence, options: &VerdictOptions) -> 
     let others_mm = evidence.others_noise_mm;
     let is_as_others = evidence.noise_mm <= MAX_NOISE_RATIO * others_mm
         || evidence.noise_mm <= others_mm + MIN_NOISE_EXCESS_MM;
-    let of_target = (!is_quiet).then_some(Rejection::Noisy { noise_mm, max_mm });
+    let of_target = (!is_quiet).then_some(Rejection::Noisy {
+        noise_mm,
+        max_mm,
+        n_alike: evidence.n_alike,
+    });
     let of_others = (!is_as_others).then_some(Rejection::NoisierThanOthers {
         noise_mm: evidence.noise_mm,
         others_mm,
