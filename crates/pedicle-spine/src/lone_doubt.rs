@@ -142,15 +142,11 @@ impl Conclusion<'_> {
                 refused.push((v, against));
             }
         }
-        // Of two that contradict each other neither is the one to believe.
-        for &v in &held {
-            let others: Vec<usize> = held.iter().copied().filter(|&u| u != v).collect();
-            let against = self.against_nearest(v, &others, vertebrae, options);
-            if !against.is_empty() {
-                refused.push((v, against));
-            }
-        }
-        held.retain(|v| refused.iter().all(|(u, _)| u != v));
+        let contradicted = contradicted(&held, |v, others| {
+            self.against_nearest(v, others, vertebrae, options)
+        });
+        held.retain(|v| contradicted.iter().all(|(u, _)| u != v));
+        refused.extend(contradicted);
         // What each may say alone all of them must not say together.
         if let Some(reason) = self.together(vertebrae, &held, options) {
             refused.extend(held.drain(..).map(|v| (v, vec![reason.clone()])));
@@ -189,6 +185,16 @@ impl Conclusion<'_> {
         });
         against.flatten().collect()
     }
+}
+
+/// Those that some of the others contradict, with what these say: of two neither is the one to believe.
+fn contradicted(
+    held: &[usize],
+    against: impl Fn(usize, &[usize]) -> Vec<Rejection>,
+) -> Vec<(usize, Vec<Rejection>)> {
+    let beside = |v: usize| held.iter().copied().filter(|&u| u != v).collect::<Vec<_>>();
+    let all = held.iter().map(|&v| (v, against(v, &beside(v))));
+    all.filter(|(_, against)| !against.is_empty()).collect()
 }
 
 /// The nearest of some others above and below.
@@ -279,6 +285,19 @@ mod tests {
         assert_eq!(beside(2, &[0, 1, 4]), [1, 4]);
         assert_eq!(beside(3, &[0, 1]), [1], "it need not be a neighbour");
         assert_eq!(beside(0, &[0, 2, 3]), [2], "and is never itself");
+    }
+
+    #[test]
+    fn of_two_that_contradict_each_other_both_are_refused() {
+        let apart = |v: usize, others: &[usize]| {
+            let contradicts = |&&u: &&usize| [v, u] == [0, 1] || [v, u] == [1, 0];
+            let against = others.iter().filter(contradicts);
+            against.map(|_| rival(0.0)).collect()
+        };
+        let refused = contradicted(&[0, 1, 3], apart);
+        let places: Vec<usize> = refused.iter().map(|(v, _)| *v).collect();
+        assert_eq!(places, [0, 1], "in whichever order they come");
+        assert!(contradicted(&[0, 3], apart).is_empty());
     }
 
     #[test]
