@@ -84,8 +84,7 @@ impl BareBone {
             .filter_map(|(p, _)| Some(points.patches.get(*p as usize)?.len()))
             .sum();
         let n_patch = (n_left as f64 / found.len().max(1) as f64).max(1.0);
-        let n_told = n_patch * (1 + n_smoother) as f64 / points.alike.n_alike;
-        let n_reached = if n_told > 1.0 { n_told } else { 1.0 };
+        let n_reached = points.alike.n_told(n_patch * (1 + n_smoother) as f64);
         let limit_mm = factor * (PATCH_FLOOR_MM + PATCH_IN_SIGMA * noise_mm / n_reached.sqrt());
         let mut mean = vec![f64::NAN; points.positions.len()];
         for &(p, r) in &found {

@@ -65,6 +65,12 @@ impl ErrsAlike {
         self.length_mm > 0.0
     }
 
+    /// As how many independent points n of a patch tell.
+    pub(crate) fn n_told(&self, n: f64) -> f64 {
+        let told = n / self.n_alike;
+        if told > 1.0 { told } else { 1.0 }
+    }
+
     /// Of every n-th point.
     pub(crate) fn every(&self, stride: usize) -> Self {
         let of_few = |n: f64| 1.0 + (n - 1.0) / stride as f64;
@@ -356,5 +362,19 @@ mod tests {
             );
         }
         assert_eq!(ErrsAlike::INDEPENDENT.every(7), ErrsAlike::INDEPENDENT);
+    }
+
+    #[test]
+    fn a_patch_tells_as_much_as_one_point_at_least() {
+        let alike = ErrsAlike {
+            n_alike: 4.0,
+            ..ErrsAlike::INDEPENDENT
+        };
+        let told = [24.0, 4.0, 1.0].map(|n| alike.n_told(n).to_bits());
+        assert_eq!(told, [6f64, 1.0, 1.0].map(f64::to_bits));
+        assert_eq!(
+            ErrsAlike::INDEPENDENT.n_told(24.0).to_bits(),
+            24f64.to_bits()
+        );
     }
 }

@@ -124,7 +124,7 @@ pub struct VerdictOptions {
     /// of which half is seen most have 2 and more.
     pub min_shape_shown: f64,
     /// Largest noise of what a camera saw, mm. Default 2.2: beyond that nothing was tried. Of a camera whose pixels err alike, n of which tell as much
-    /// as one, it is by √n less: its points tell as little of the shape.
+    /// as one, it is divided by √n: its points tell as little of the shape.
     pub max_noise_of_camera_mm: f64,
     /// Largest share of the bone towards the camera that it may have seen through. Default 0.02: right poses show less than 0.005.
     pub max_seen_through: f64,

@@ -21,6 +21,7 @@ use pedicle_registration::PoseCovariance;
 use rayon::prelude::*;
 
 use crate::along_rays::CameraView;
+use crate::errs_alike::ErrsAlike;
 use crate::scoring::MIN_POINTS_A_TASK;
 use crate::seen_bone::SeenBone;
 use crate::uncertainty::{density, lower_tail};
@@ -136,10 +137,10 @@ impl TissueMixture<'_> {
         for _ in 0..=MAX_STEPS {
             let seen = self.look(&pose);
             let means = patch_means(&seen, &patches);
-            let n_alike = self.view.alike.n_alike;
-            let (weights, _) = state.weighed(&seen, &means, n_alike);
+            let alike = &self.view.alike;
+            let (weights, _) = state.weighed(&seen, &means, alike);
             state = self.state_of(&seen, &weights);
-            let (weights, log_likelihood) = state.weighed(&seen, &means, n_alike);
+            let (weights, log_likelihood) = state.weighed(&seen, &means, alike);
             state = self.state_of(&seen, &weights);
             if best
                 .as_ref()
@@ -217,9 +218,9 @@ impl TissueMixture<'_> {
     }
 
     fn share_behind(&self, means: &[Option<(f64, f64)>], noise_mm: f64) -> f64 {
-        let n_alike = self.view.alike.n_alike;
+        let alike = &self.view.alike;
         let told = means.iter().flatten();
-        behind_share(told.map(|&(mean, n)| (mean, n_told(n, n_alike))), noise_mm)
+        behind_share(told.map(|&(mean, n)| (mean, alike.n_told(n))), noise_mm)
     }
 
     /// The pose that robust weights lead to where nearly all points are bone.
@@ -313,7 +314,7 @@ impl State {
         &self,
         seen: &[Seen],
         means: &[Option<(f64, f64)>],
-        n_alike: f64,
+        alike: &ErrsAlike,
     ) -> (Vec<f64>, f64) {
         let farthest_mm = FRONT_FLOOR_MM + FRONT_IN_SIGMA * self.noise_mm;
         let mut log_likelihood = 0.0;
@@ -325,7 +326,7 @@ impl State {
                     log_likelihood += ELSEWHERE.ln() / PATCH_POINTS;
                     return 0.0;
                 };
-                let scatter_mm = scatter_mm(self.noise_mm, n_told(*n, n_alike));
+                let scatter_mm = scatter_mm(self.noise_mm, alike.n_told(*n));
                 let bone = self.share * density(u / scatter_mm) / scatter_mm;
                 let all = bone + (1.0 - self.share) * tissue(*u, scatter_mm);
                 log_likelihood += all.ln() / n;
@@ -334,12 +335,6 @@ impl State {
             .collect();
         (weights, log_likelihood)
     }
-}
-
-/// As how many independent points n of a patch tell.
-fn n_told(n: f64, n_alike: f64) -> f64 {
-    let told = n / n_alike;
-    if told > 1.0 { told } else { 1.0 }
 }
 
 /// s of a patch of n points.

@@ -7,7 +7,7 @@ use pedicle_simulation::{
 };
 use pedicle_spine::{
     LoneDoubtOptions, Rejection, SensorView, SpineError, SpineTracker, Target, TargetSurface,
-    TrackerOptions, Transfer, TransferOptions, transfer,
+    TrackerOptions, Transfer, TransferOptions, VertebraTransfer, transfer,
 };
 use pedicle_trajectory::{Level, SafetyMargins};
 
@@ -128,6 +128,43 @@ fn a_small_doubt_is_outweighed_by_the_other_vertebrae_and_told() {
             refused.reasons
         );
     }
+}
+
+#[test]
+fn a_vertebra_whose_others_do_not_fit_is_refused() {
+    let (_, target) = suite_target(cell(SensorForm::Mesh, 0.0), 0, 31);
+    let plan = scene().phantom.plan();
+    let mut options = TransferOptions::default();
+    // With so much of what chance does added to the bumps, a limit parts the vertebrae in those that fit and those that do not.
+    options.verdict.misfit_in_sigma = -10.0;
+    let mut seen = [0; 5];
+    for step in 0..40 {
+        options.verdict.max_misfit_of_sensor_mm = 0.6 * 0.95_f64.powi(step);
+        let found = transfer(&scene().model, &plan, &target, &options).unwrap();
+        let has =
+            |v: &VertebraTransfer, differs: fn(&Rejection) -> bool| v.reasons.iter().any(differs);
+        let (differ, fit): (Vec<_>, Vec<_>) = found
+            .vertebrae
+            .iter()
+            .partition(|v| has(v, |r| matches!(r, Rejection::ShapeDiffers { .. })));
+        if differ.len() < seen.len() {
+            seen[differ.len()] += 1;
+        }
+        for v in fit {
+            let told = has(v, |r| {
+                matches!(r, Rejection::OthersDiffer { n_others: 4, .. })
+            });
+            assert_eq!(
+                told,
+                differ.len() > 2,
+                "{}: {} differ",
+                v.level,
+                differ.len()
+            );
+            assert_eq!(v.accepted, !told, "{}: {:?}", v.level, v.reasons);
+        }
+    }
+    assert!(seen[0] > 0 && seen[3] + seen[4] > 0, "{seen:?}");
 }
 
 #[test]
