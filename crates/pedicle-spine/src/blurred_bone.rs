@@ -43,7 +43,7 @@ pub(crate) type Free = SVector<f64, N_FREE>;
 /// The places of a bone and the regions they belong to.
 pub(crate) struct BlurredBone {
     pub(crate) places: Vec<Point3<f64>>,
-    tree: ImmutableKdTree<f64, 3>,
+    pub(crate) tree: ImmutableKdTree<f64, 3>,
     region: Vec<u32>,
     /// Share of the places in every region.
     pub(crate) share: Vec<f64>,
@@ -195,6 +195,14 @@ impl BlurredBone {
         let parts = || blur.weights.iter().zip(&self.share).map(|(w, s)| w * s);
         let total: f64 = parts().sum();
         parts().map(|part| part / total).collect()
+    }
+
+    /// Mean over the density of a number of every place.
+    pub(crate) fn mean(&self, blur: &Blur, number: impl Fn(usize) -> f64) -> f64 {
+        let weight = |j: usize| blur.weights[self.region[j] as usize];
+        let all = 0..self.places.len();
+        let total: f64 = all.clone().map(weight).sum();
+        all.map(|j| weight(j) * number(j)).sum::<f64>() / total
     }
 
     /// Points drawn from the density, evenly over the weighed surface.

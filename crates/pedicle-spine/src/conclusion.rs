@@ -87,7 +87,6 @@ impl Conclusion<'_> {
         let together = self.together(&vertebrae, &[], options);
         let shape = self.shape(&vertebrae);
         let differs = shape.and_then(|change| shape_rejection(&change, options));
-        let shows = shape.is_some_and(|change| change.shows >= options.min_shape_shown);
         let seen = self.fit.fits.iter().filter_map(|fit| fit.seen);
         let shares = seen.map(|seen| seen.behind_share).collect();
         // Pixels that err alike tell as little as fewer, or noisier ones.
@@ -103,8 +102,8 @@ impl Conclusion<'_> {
             vertebra.reasons.extend(differs.clone());
             vertebra.reasons.extend(behind.clone());
             if self.fit.needs_shape {
-                let excess = vertebra.shape_excess.filter(|_| shows);
-                let own = bone_rejection(excess, vertebra.n_points, options);
+                let factor = vertebra.shape_log_bayes_factor;
+                let own = bone_rejection(factor, vertebra.n_points, options);
                 vertebra.reasons.extend(own);
             }
             vertebra.accepted = vertebra.reasons.is_empty();
@@ -219,7 +218,7 @@ impl Conclusion<'_> {
             landmark_lies_on: names.lies_on[v].map(|u| self.model.vertebrae[u].level),
             landmark_lies_beyond: names.lies_beyond[v].is_some(),
             misfit_mm: fit.misfit.depth_mm(),
-            shape_excess: fit.shape.as_ref().and_then(ShapeChange::excess),
+            shape_log_bayes_factor: fit.shape.as_ref().and_then(ShapeChange::log_bayes_factor),
             seen_through: fit.seen_through,
             hidden_share: fit.hidden_share,
             behind_share: evidence.behind_share,

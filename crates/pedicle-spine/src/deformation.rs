@@ -1,95 +1,107 @@
 //! What noisy points say of a smooth deformation of a bone.
 //!
 //! ```text
-//! ∂ log p(x) / ∂e_k = Σ_j r_j(x) (x - s_j) · f_k(s_j) / σ²,   s_j → s_j + Σ_k e_k f_k(s_j)
+//! ∂ log p(x) / ∂e_ck = Σ_j r_j(x) (x - s_j)_c φ_k(s_j) / σ²,   s_j → s_j + Σ_k e_k φ_k(s_j)
+//! ∂ log p(x) / ∂w_k  = Σ_j r_j(x) d_k(s_j) - Σ_j w_j d_k(s_j) / Σ_j w_j
 //! ```
 //!
-//! p, r and s are those of [`crate::blurred_bone`]; the fields f_k are stretch and shear, and all quadratic and cubic fields, along the axes of
-//! the vertebra. Source frame, mm.
+//! p, r and s are those of [`crate::blurred_bone`], the fields φ_k those of [`crate::shape_basis`] along the axes c of the vertebra, d the
+//! regions and [`crate::bends`], by which points may lie more densely. Source frame, mm.
 
-use nalgebra::{DMatrix, Point3, SMatrix};
+use nalgebra::{DMatrix, Point3};
 use pedicle_trajectory::AnatomicalFrame;
 
-use crate::blurred_bone::{Blur, BlurredBone, N_FREE};
+use crate::bends::{N_BENDS, bends};
+use crate::blurred_bone::{Blur, BlurredBone, N_FREE, RIDGE_POINTS};
+use crate::bone::BoneSurface;
+use crate::shape_basis::{ShapeBasis, along_axes};
 
-/// Numbers of a deformation: of stretch and shear, of quadratic, and of cubic fields.
-pub(crate) const N_LINEAR: usize = 6;
-pub(crate) const N_MODES: usize = N_LINEAR + 18 + 30;
-/// Linear, quadratic and cubic monomials of a place.
-const N_FIELDS: usize = 3 + 6 + 10;
-/// Length by which places are divided: all numbers of a deformation are lengths then, mm.
-pub(crate) const LEVER_MM: f64 = 25.0;
+/// Information on the weight of a bend that no point tells, points.
+const RIDGE_OF_BENDS_POINTS: f64 = 1.0;
 
-/// A row a point that lies near a place: the derivatives of its log density by the change of pose, σ, the weights of the regions
-/// and the deformation, in the source frame.
-pub(crate) fn rows(
-    blurred: &BlurredBone,
-    frame: &AnatomicalFrame,
-    blur: &Blur,
-    points: Vec<Point3<f64>>,
-) -> DMatrix<f64> {
-    let expected = blurred.expected(blur);
-    let n_columns = N_FREE + expected.len() + N_MODES;
-    let variance = blur.sigma_mm * blur.sigma_mm;
-    let fields: Vec<[f64; N_FIELDS]> = blurred
-        .places
-        .iter()
-        .map(|place| monomials(&lever(blurred, frame, place)))
-        .collect();
-    let mut all = Vec::with_capacity(points.len() * n_columns);
-    let n_rows = blurred.each_said(points, blur, |said| {
-        let start = all.len();
-        all.extend(said.free.iter());
-        all.extend(expected.iter().map(|e| -e));
-        blurred.add_regions(said.shown, &mut all[start + N_FREE..]);
-        // Moving a place by a field moves the density with it: the noise (x - s) / σ² along the field.
-        let mut by_field = SMatrix::<f64, 3, N_FIELDS>::zeros();
-        for &(j, r) in said.shown {
-            let away = (said.point - blurred.places[j as usize]) * (r / variance);
-            let along = [frame.left, frame.anterior, frame.up].map(|axis| axis.dot(&away));
-            for (column, field) in fields[j as usize].iter().enumerate() {
-                for (i, along) in along.into_iter().enumerate() {
-                    by_field[(i, column)] += along * field;
+/// A bone whose shape may change.
+pub(crate) struct Deformable<'a> {
+    blurred: &'a BlurredBone,
+    frame: &'a AnatomicalFrame,
+    blur: &'a Blur,
+    /// φ, a column a place.
+    fields: DMatrix<f64>,
+    bends: Vec<[f64; N_BENDS]>,
+    /// Mean of what the weights are of, over the density.
+    expected: Vec<f64>,
+}
+
+impl<'a> Deformable<'a> {
+    pub(crate) fn new(
+        (blurred, blur): (&'a BlurredBone, &'a Blur),
+        (bone, frame): (&BoneSurface, &'a AnatomicalFrame),
+        basis: &ShapeBasis,
+    ) -> Self {
+        let bends = bends(bone, &blurred.places, &blurred.tree);
+        let mut expected = blurred.expected(blur);
+        expected.extend((0..N_BENDS).map(|k| blurred.mean(blur, |j| bends[j][k])));
+        Self {
+            fields: basis.fields(&blurred.places, &blurred.center, frame),
+            blurred,
+            frame,
+            blur,
+            bends,
+            expected,
+        }
+    }
+
+    /// Numbers of pose, σ and weights, which come first in a column.
+    pub(crate) fn n_free(&self) -> usize {
+        N_FREE + self.expected.len()
+    }
+
+    /// Numbers of a deformation, which come last.
+    pub(crate) fn n_modes(&self) -> usize {
+        3 * self.fields.nrows()
+    }
+
+    /// What is known of every weight before any point is seen: information, points.
+    pub(crate) fn ridge(&self, number: usize) -> f64 {
+        match number {
+            0..N_FREE => 0.0,
+            _ if number < self.n_free() - N_BENDS => RIDGE_POINTS,
+            _ => RIDGE_OF_BENDS_POINTS,
+        }
+    }
+
+    /// A column a point that lies near a place: the derivatives of its log density by pose, σ, weights and deformation.
+    pub(crate) fn said_of(&self, points: impl IntoIterator<Item = Point3<f64>>) -> DMatrix<f64> {
+        let n_numbers = self.n_free() + self.n_modes();
+        let n_fields = self.fields.nrows();
+        let variance = self.blur.sigma_mm * self.blur.sigma_mm;
+        let mut all = Vec::new();
+        let n_points = self.blurred.each_said(points, self.blur, |said| {
+            let start = all.len();
+            all.resize(start + n_numbers, 0.0);
+            let column = &mut all[start..];
+            column[..N_FREE].copy_from_slice(said.free.as_slice());
+            let (weights, modes) = column[N_FREE..].split_at_mut(self.expected.len());
+            for (weight, expected) in weights.iter_mut().zip(&self.expected) {
+                *weight = -expected;
+            }
+            self.blurred.add_regions(said.shown, weights);
+            let of_bends = &mut weights[self.expected.len() - N_BENDS..];
+            for &(j, r) in said.shown {
+                let j = j as usize;
+                for (weight, bend) in of_bends.iter_mut().zip(&self.bends[j]) {
+                    *weight += r * bend;
+                }
+                // Moving a place by a field moves the density with it: the noise (x - s) / σ² along the field.
+                let away = (said.point - self.blurred.places[j]) * (r / variance);
+                let field = self.fields.column(j);
+                let along = along_axes(self.frame, &away);
+                for (modes, along) in modes.chunks_exact_mut(n_fields).zip(along.iter()) {
+                    for (mode, field) in modes.iter_mut().zip(field.as_slice()) {
+                        *mode += along * field;
+                    }
                 }
             }
-        }
-        // Of the linear fields what turns is part of the pose.
-        all.extend((0..3).map(|k| by_field[(k, k)]));
-        let shears = [(0, 1), (0, 2), (1, 2)];
-        all.extend(shears.map(|(i, k)| by_field[(i, k)] + by_field[(k, i)]));
-        all.extend(by_field.columns(3, N_FIELDS - 3).iter());
-    });
-    DMatrix::from_row_slice(n_rows, n_columns, &all)
-}
-
-/// A place from the centre of the bone along the axes of the vertebra, in levers.
-fn lever(blurred: &BlurredBone, frame: &AnatomicalFrame, place: &Point3<f64>) -> [f64; 3] {
-    let from_center = (place - blurred.center) / LEVER_MM;
-    [frame.left, frame.anterior, frame.up].map(|axis| axis.dot(&from_center))
-}
-
-/// All products of one, two and three coordinates.
-fn monomials(u: &[f64; 3]) -> [f64; N_FIELDS] {
-    let [x, y, z] = *u;
-    [
-        x,
-        y,
-        z,
-        x * x,
-        x * y,
-        x * z,
-        y * y,
-        y * z,
-        z * z,
-        x * x * x,
-        x * x * y,
-        x * x * z,
-        x * y * y,
-        x * y * z,
-        x * z * z,
-        y * y * y,
-        y * y * z,
-        y * z * z,
-        z * z * z,
-    ]
+        });
+        DMatrix::from_vec(n_numbers, n_points, all)
+    }
 }

@@ -47,6 +47,7 @@
 
 mod along_rays;
 mod bare_bone;
+mod bends;
 mod blurred_bone;
 mod blurred_fit;
 mod bone;
@@ -87,6 +88,7 @@ mod search_levels;
 mod search_mix;
 mod seen_bone;
 mod sensor;
+mod shape_basis;
 mod shape_change;
 mod shown;
 mod starts;

@@ -46,7 +46,7 @@ pub(crate) fn likeliest_pose(
         return Ok(Likeliest::default());
     };
     let shape = asks_for_shape
-        .then(|| ShapeChange::new(&bone, &vertebra.frame, &likeliest, &few))
+        .then(|| ShapeChange::new(&bone, vertebra, &likeliest, &few))
         .flatten();
     fit.noise_mm = likeliest.blur.sigma_mm;
     let is_pose = stride == 1 || likeliest.blur.sigma_mm > DENSE_UP_TO_MM;

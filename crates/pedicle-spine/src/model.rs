@@ -12,6 +12,7 @@ use rayon::prelude::*;
 use crate::bone::BoneSurface;
 use crate::free_space::Patch;
 use crate::map_shape::{MapShape, clean, restrict, simplified};
+use crate::shape_basis::ShapeBasis;
 use crate::uncertainty::Anatomy;
 use crate::{MapOptions, Shape, SpineError};
 
@@ -58,6 +59,8 @@ pub(crate) struct Vertebra {
     pub(crate) index: Arc<SurfaceIndex>,
     /// Its pedicles, as far as they can be measured.
     pub(crate) anatomy: Anatomy,
+    /// How another person's bones may differ, the same at every level.
+    pub(crate) shape_basis: Arc<ShapeBasis>,
 }
 
 /// The source spine: five vertebrae with their search structures and bases.
@@ -148,13 +151,15 @@ impl SpineModel {
             vertebra_of_vertex: posterior_owner,
         };
 
+        let basis = ShapeBasis::new(surfaces.iter().copied().zip(&frames))?;
+        let basis = Arc::new(basis);
         let prepared = vertebrae
             .par_iter()
             .zip(frames)
             .zip(landmark_points)
             .enumerate()
             .map(|(v, ((vertebra, frame), landmark))| {
-                prepared(v, vertebra, frame, landmark, &whole)
+                prepared(v, vertebra, (frame, &basis), landmark, &whole)
             })
             .collect::<Result<Vec<Vertebra>, SpineError>>()?;
         Ok(Self {
@@ -257,7 +262,7 @@ fn patches_of(mesh: &TriMesh) -> Vec<Patch> {
 fn prepared(
     v: usize,
     vertebra: &SourceVertebra,
-    frame: AnatomicalFrame,
+    (frame, basis): (AnatomicalFrame, &Arc<ShapeBasis>),
     landmark: Point3<f64>,
     whole: &SourceView,
 ) -> Result<Vertebra, SpineError> {
@@ -282,6 +287,7 @@ fn prepared(
         is_posterior: samples.iter().map(|p| is_exposed(p, &frame)).collect(),
         samples,
         patches: patches_of(&coarse_mesh),
+        shape_basis: Arc::clone(basis),
         frame,
     })
 }

@@ -114,15 +114,12 @@ pub struct VerdictOptions {
     pub pooled_misfit_in_sigma: f64,
     /// Largest depth of the bumps of all vertebrae together along the rays of a camera beyond what pixels that err alike leave, mm. Default 0.14.
     pub max_pooled_misfit_of_camera_mm: f64,
-    /// Largest change of the shape of all bones together that noise may feign, in standard deviations of its χ². Judged
-    /// from a noise of 1.25 mm on, where noise hides bumps. Not of what a camera saw. Default 2.4.
-    pub max_shape_excess: f64,
-    /// The same of one bone by itself. Default 3.
-    pub max_shape_excess_of_bone: f64,
-    /// The least that bones larger by 2 % must show on average ([`SpineChange::shows`](crate::SpineChange)); other people differ by
-    /// more, and in other ways too. Default 1.9: at 2 mm targets seen whole have 3 and more, of those
-    /// of which half is seen most have 2 and more.
-    pub min_shape_shown: f64,
+    /// Largest natural logarithm of the Bayes factor of another person's bones against the plan's
+    /// ([`SpineChange::log_bayes_factor`](crate::SpineChange)), of all bones together. Judged from a noise of 1.25 mm on, where noise hides bumps. Not of
+    /// what a camera saw. Default -6: the points are 400 times likelier of the plan's bones.
+    pub max_log_bayes_factor: f64,
+    /// The same of one bone by itself, which tells less. Default 2.
+    pub max_log_bayes_factor_of_bone: f64,
     /// Largest noise of what a camera saw, mm. Default 2.2: beyond that nothing was tried. Of a camera whose pixels err alike, n of which tell as much
     /// as one, it is divided by √n: its points tell as little of the shape.
     pub max_noise_of_camera_mm: f64,
@@ -247,7 +244,7 @@ impl Default for VerdictOptions {
             min_points: 60,
             min_posterior_coverage: 0.35,
             min_explained_share: 0.85,
-            max_noise_mm: 2.3,
+            max_noise_mm: 3.5,
             max_translation_std_mm: 0.6,
             max_rotation_std_rad: 0.027,
             max_translation_std_along_rays_mm: 0.4,
@@ -264,9 +261,8 @@ impl Default for VerdictOptions {
             max_breach_probability: 0.001,
             misfit_in_sigma: 3.0,
             pooled_misfit_in_sigma: 3.0,
-            max_shape_excess: 2.4,
-            max_shape_excess_of_bone: 3.0,
-            min_shape_shown: 1.9,
+            max_log_bayes_factor: -6.0,
+            max_log_bayes_factor_of_bone: 2.0,
             max_noise_of_camera_mm: 2.2,
             max_seen_through: 0.02,
             max_hidden_share: 0.5,

@@ -69,11 +69,16 @@ pub enum Rejection {
     ShapeDiffers { misfit_mm: f64, patch_mm: f64 },
     /// The shapes of all vertebrae that are trusted otherwise differ together.
     SpineDiffers { misfit_mm: f64, patch_mm: f64 },
-    /// All bones together have another shape than the plan's: by how many standard deviations of what noise does, and
+    /// All bones together look more like another person's than like the plan's: logarithm of the Bayes factor, and
     /// by how much they are larger along their left, anterior and up axes.
-    BonesDiffer { excess: f64, larger: [f64; 3] },
-    /// One bone has another shape than the plan's, beyond what noise does, or is not where it was put.
-    BoneDiffers { excess: f64, max: f64 },
+    BonesDiffer {
+        log_bayes_factor: f64,
+        larger: [f64; 3],
+    },
+    /// Points too few or too noisy to tell whose bones they are.
+    ShapeNotTold { log_bayes_factor: f64, max: f64 },
+    /// One bone has another shape than the plan's, or is not where it was put.
+    BoneDiffers { log_bayes_factor: f64, max: f64 },
     /// The camera saw through where the bone would be.
     SeenThrough { share: f64, max: f64 },
     /// The camera saw points behind the bone, which would hide them.
@@ -264,18 +269,37 @@ impl std::fmt::Display for Rejection {
                 "the shapes of all vertebrae together differ from the plan's by {misfit_mm:.2} mm over \
                  patches of {patch_mm:.0} mm: is this the right patient?"
             ),
-            Self::BonesDiffer { excess, larger } => write!(
+            Self::BonesDiffer {
+                log_bayes_factor,
+                larger,
+            } => write!(
                 f,
-                "the bones differ from the plan's by {excess:.0} times what noise does ({:+.1} % to the side, \
+                "what is seen is {} times likelier of another person's bones than of the plan's ({:+.1} % to the side, \
                  {:+.1} % in depth, {:+.1} % in height): is this the right patient?",
+                times(*log_bayes_factor),
                 100.0 * larger[0],
                 100.0 * larger[1],
                 100.0 * larger[2]
             ),
-            Self::BoneDiffers { excess, max } => write!(
+            Self::ShapeNotTold {
+                log_bayes_factor,
+                max,
+            } => write!(
                 f,
-                "the bone differs from the plan's by {excess:.1} times what noise does (at most {max:.1}): is this the right \
-                 patient and level?"
+                "what is seen is only {} times likelier of the plan's bones than of another person's ({} times needed): \
+                 show more of them, or less noisily, and is this the right patient?",
+                times(-log_bayes_factor),
+                times(-max)
+            ),
+            Self::BoneDiffers {
+                log_bayes_factor,
+                max,
+            } => write!(
+                f,
+                "what is seen of the bone is {} times likelier of another one (at most {} times): is this the right \
+                 patient and level?",
+                times(*log_bayes_factor),
+                times(*max)
             ),
             Self::SeenThrough { share, max } => write!(
                 f,
@@ -315,5 +339,17 @@ impl std::fmt::Display for Rejection {
                 "{distance_mm:.1} mm from its landmark (at most {max_mm:.0} mm): check the landmarks"
             ),
         }
+    }
+}
+
+/// How many times likelier a natural logarithm says, in a word.
+fn times(logarithm: f64) -> String {
+    let times = logarithm.exp();
+    if times < 10.0 {
+        format!("{times:.1}")
+    } else if times < 10_000.0 {
+        format!("{times:.0}")
+    } else {
+        "thousands of".to_owned()
     }
 }

@@ -72,9 +72,9 @@ pub struct VertebraTransfer {
     pub explained_share: f64,
     /// Area of its bare bone that a camera saw, mm²; none without a camera.
     pub bare_area_mm2: Option<f64>,
-    /// By how many standard deviations of its χ² the bone's shape differs from the plan's; none where noise hides nothing, before a
-    /// camera and without a fit.
-    pub shape_excess: Option<f64>,
+    /// Natural logarithm of how many times likelier its points are if the bone has another shape than the plan's, by itself
+    /// ([`SpineChange`](crate::SpineChange)); none where noise hides nothing, before a camera and without a fit.
+    pub shape_log_bayes_factor: Option<f64>,
     /// Share of its surface that the target shows.
     pub coverage: f64,
     /// Share of its posterior surface that the target shows.
@@ -167,7 +167,7 @@ pub struct Transfer {
     pub unexplained_share: f64,
     /// Share by which the target is explained worse with all levels shifted by one.
     pub level_margin: f64,
-    /// Whether all bones together have the shape of the plan's where noise hides their bumps; none where it
+    /// Whose bones they are, all together, where noise hides their bumps; none where it
     /// does not.
     pub shape_change: Option<crate::SpineChange>,
 }

@@ -31,27 +31,39 @@ pub(crate) fn pooled_rejection(
     })
 }
 
-/// Whether the bones have the plan's shape where noise hides their bumps. A NaN never holds.
+/// Whether the points tell that the bones are the plan's where noise hides their bumps. A NaN never does.
 pub(crate) fn shape_rejection(change: &SpineChange, options: &VerdictOptions) -> Option<Rejection> {
-    let holds = change.excess <= options.max_shape_excess;
-    (!holds).then(|| Rejection::BonesDiffer {
-        excess: change.excess,
-        larger: change.larger.into(),
-    })
+    let (log_bayes_factor, max) = (change.log_bayes_factor, options.max_log_bayes_factor);
+    if log_bayes_factor <= max {
+        None
+    } else if log_bayes_factor <= 0.0 {
+        Some(Rejection::ShapeNotTold {
+            log_bayes_factor,
+            max,
+        })
+    } else {
+        Some(Rejection::BonesDiffer {
+            log_bayes_factor,
+            larger: change.larger.into(),
+        })
+    }
 }
 
 /// The same of one bone by itself, if anything is known of its shape.
 pub(crate) fn bone_rejection(
-    excess: Option<f64>,
+    log_bayes_factor: Option<f64>,
     n_points: usize,
     options: &VerdictOptions,
 ) -> Option<Rejection> {
-    let max = options.max_shape_excess_of_bone;
-    match excess {
+    let max = options.max_log_bayes_factor_of_bone;
+    match log_bayes_factor {
         None => Some(Rejection::ShapeUnknown { n_points }),
-        Some(excess) => {
-            let holds = excess <= max;
-            (!holds).then_some(Rejection::BoneDiffers { excess, max })
+        Some(log_bayes_factor) => {
+            let holds = log_bayes_factor <= max;
+            (!holds).then_some(Rejection::BoneDiffers {
+                log_bayes_factor,
+                max,
+            })
         }
     }
 }
@@ -207,15 +219,15 @@ mod tests {
     #[test]
     fn another_shape_is_said_and_so_is_a_nan() {
         let options = VerdictOptions::default();
-        let judged = |excess| {
+        let judged = |log_bayes_factor| {
             let change = SpineChange {
-                excess,
-                shows: 20.0,
+                log_bayes_factor,
                 larger: nalgebra::Vector3::new(0.03, 0.0, 0.01),
             };
             shape_rejection(&change, &options).map(|r| r.to_string())
         };
-        assert_eq!(judged(0.9), None, "noise");
+        assert_eq!(judged(-12.0), None, "the plan's bones");
+        assert!(judged(-1.0).is_some_and(|r| r.contains("less noisily")));
         assert!(judged(6.0).is_some_and(|r| r.contains("right patient")));
         assert!(judged(f64::NAN).is_some());
     }
