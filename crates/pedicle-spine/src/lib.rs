@@ -51,6 +51,7 @@ mod bends;
 mod blurred_bone;
 mod blurred_fit;
 mod bone;
+mod breach;
 mod cell_grid;
 mod chain;
 mod closest_on_triangle;

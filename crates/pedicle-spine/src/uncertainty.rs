@@ -2,24 +2,22 @@
 //!
 //! ```text
 //! Σ(p) = J(p) Σ J(p)ᵀ,   J(p) = [ -[p - c]ₓ  I ]
-//! P(breach) ≈ Q(z₁) + Q(z₂),   z = min of m(p, u) / √(uᵀ Σ(p) u)
 //! ```
 //!
-//! m(p, u) is how far the wall of the planned screw lies from the cortex at the point p of its axis, in
-//! the direction u at right angles to it, in the pedicle and the body, measured on the source. Q is the
-//! upper tail of the normal distribution. z₁ belongs to the wall that is nearest in standard
-//! deviations, z₂ to the nearest one on the other side: a screw in the middle of a narrow pedicle may
-//! breach either. Lengths in mm.
+//! How probably the carried screw breaches the cortex is told in [`crate::breach`], from the room around the planned one: how far its wall lies from the cortex
+//! at the points of its axis, in the directions at right angles to it, in the pedicle and the body, measured on the source. Lengths in mm.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Unit, Vector3};
+use nalgebra::{Isometry3, Matrix3, Rotation3, Unit, Vector3};
 use pedicle_mesh::{SurfaceIndex, TriMesh};
 use pedicle_registration::PoseCovariance;
 use pedicle_trajectory::{
     AnatomicalFrame, CheckOptions, Pedicle, PedicleOptions, Side, Trajectory, Zone,
     check_trajectory, measure_pedicle,
 };
+
+use crate::breach::{Room, Wall, breach_probability};
 
 /// Depth of the isthmus below the entry where it cannot be measured, mm: that of the published
 /// margins.
@@ -29,6 +27,12 @@ const ISTHMUS_DEPTH_MM: f64 = 20.0;
 const N_DIRECTIONS: usize = 24;
 /// Distance between the places of the axis where it is, mm.
 const STATION_MM: f64 = 3.0;
+/// A wall that is seen less than 25° from its normal stands across the way to it.
+const AHEAD_COSINE: f64 = 0.9;
+/// What lies no farther from the end of a screw is its tip, mm.
+const TIP_MM: f64 = 2.0;
+/// Cortex that faces along the axis so much does not stand across.
+const LEAST_ACROSS: f64 = 0.5;
 /// Cortex farther from the axis does not matter, mm.
 const REACH_MM: f64 = 20.0;
 
@@ -62,7 +66,7 @@ pub(crate) struct Anatomy {
 }
 
 /// None where the pedicle of the screw could not be measured.
-type SharedRoom = Arc<Option<Room>>;
+type SharedRoom = Arc<Option<ScrewRoom>>;
 
 impl std::fmt::Debug for Anatomy {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -107,7 +111,7 @@ impl Anatomy {
         room
     }
 
-    fn measured_room(&self, planned: &Trajectory, frame: &AnatomicalFrame) -> Option<Room> {
+    fn measured_room(&self, planned: &Trajectory, frame: &AnatomicalFrame) -> Option<ScrewRoom> {
         let pedicle = self.pedicles[planned.side as usize].as_ref()?;
         let options = CheckOptions {
             station_spacing_mm: STATION_MM,
@@ -123,7 +127,7 @@ impl Anatomy {
             .filter(|station| station.zone != Zone::Entry)
             .flat_map(|station| self.walls(planned, &axis, station.depth_mm))
             .collect();
-        Some(Room {
+        Some(ScrewRoom {
             clearance_mm: check.min_clearance_mm(),
             isthmus_depth_mm: check.isthmus_depth_mm.unwrap_or(ISTHMUS_DEPTH_MM),
             walls,
@@ -140,66 +144,70 @@ impl Anatomy {
         };
         let first = axis.cross(&aside).normalize();
         let radius_mm = 0.5 * planned.diameter_mm;
+        let is_tip = planned.length_mm() - depth_mm <= TIP_MM;
         (0..N_DIRECTIONS)
             .filter_map(|k| {
                 let angle = std::f64::consts::TAU * k as f64 / N_DIRECTIONS as f64;
                 let turn = Rotation3::from_axis_angle(&Unit::new_unchecked(*axis), angle);
                 let direction = turn * first;
                 let hit = self.surface.cast_ray(&point, &direction, REACH_MM)?;
-                Some(Wall {
-                    point,
+                let towards = Room {
                     direction,
                     clearance_mm: hit.distance_mm - radius_mm,
+                };
+                let to_cortex = hit.point - point;
+                let across =
+                    across(&to_cortex, &hit.normal, (axis, radius_mm), is_tip).unwrap_or(towards);
+                let beside = across.direction - axis * axis.dot(&across.direction);
+                let is_ahead = beside.dot(&direction) >= AHEAD_COSINE * beside.norm();
+                Some(Wall {
+                    point,
+                    towards: if is_ahead { across } else { towards },
+                    across,
                 })
             })
             .collect()
     }
 }
 
-/// Cortex beside a planned screw, in the source frame.
-struct Wall {
-    /// Of the axis.
-    point: Point3<f64>,
-    direction: Vector3<f64>,
-    clearance_mm: f64,
+/// The direction away from the axis at right angles to the cortex, and how far a screw of this radius is from the tangent plane there, mm; none where
+/// the cortex faces along the axis. Beside a screw its own direction leads nowhere; its tip nears what slants across its way where it is pushed on,
+/// and leaves it where it is drawn back.
+fn across(
+    to_cortex: &Vector3<f64>,
+    normal: &Vector3<f64>,
+    (axis, radius_mm): (&Vector3<f64>, f64),
+    is_tip: bool,
+) -> Option<Room> {
+    let outward = normal * to_cortex.dot(normal).signum();
+    let beside = outward - axis * axis.dot(&outward);
+    let share = beside.norm();
+    let (direction, share) = if is_tip {
+        (outward, share)
+    } else {
+        (beside / share, 1.0)
+    };
+    (beside.norm() >= LEAST_ACROSS).then(|| Room {
+        direction,
+        clearance_mm: direction.dot(to_cortex) - radius_mm * share,
+    })
 }
 
 /// Room around a planned screw.
-struct Room {
+struct ScrewRoom {
     clearance_mm: f64,
     isthmus_depth_mm: f64,
+    /// In the source frame.
     walls: Vec<Wall>,
 }
 
-impl Room {
+impl ScrewRoom {
     fn breach_probability(&self, pose: &Isometry3<f64>, covariance: &PoseCovariance) -> f64 {
         if self.clearance_mm < 0.0 {
             return 1.0;
         }
-        let tails: Vec<(f64, &Wall)> = self
-            .walls
-            .iter()
-            .map(|wall| {
-                let direction = pose.rotation * wall.direction;
-                let at = covariance.point_covariance(&(pose * wall.point));
-                let deviation_mm = direction.dot(&(at * direction)).sqrt();
-                (tail_beyond(wall.clearance_mm, deviation_mm), wall)
-            })
-            .collect();
-        let largest = |keep: &dyn Fn(&Wall) -> bool| {
-            tails
-                .iter()
-                .filter(|(_, wall)| keep(wall))
-                // NaN counts as larger than everything.
-                .max_by(|a, b| a.0.total_cmp(&b.0))
-                .copied()
-        };
-        let Some((nearest, wall)) = largest(&|_| true) else {
-            return 0.0;
-        };
-        let opposite = largest(&|other| other.direction.dot(&wall.direction) < 0.0);
-        let sum = nearest + opposite.map_or(0.0, |(tail, _)| tail);
-        if sum > 1.0 { 1.0 } else { sum }
+        let walls: Vec<Wall> = self.walls.iter().map(|wall| wall.placed(pose)).collect();
+        breach_probability(&walls, covariance)
     }
 }
 
@@ -224,24 +232,8 @@ pub(crate) fn uncertainty(
     }
 }
 
-/// Probability that a normal error of this deviation exceeds what there is room for.
-fn tail_beyond(clearance_mm: f64, deviation_mm: f64) -> f64 {
-    if clearance_mm.is_nan() || deviation_mm.is_nan() {
-        return f64::NAN;
-    }
-    if deviation_mm <= 0.0 {
-        return if clearance_mm < 0.0 { 1.0 } else { 0.0 };
-    }
-    let z = clearance_mm / deviation_mm;
-    if z < 0.0 {
-        1.0 - upper_tail(-z)
-    } else {
-        upper_tail(z)
-    }
-}
-
 /// Q(z) for z ≥ 0 to 1e-7 (Abramowitz & Stegun 1964, 26.2.17).
-fn upper_tail(z: f64) -> f64 {
+pub(crate) fn upper_tail(z: f64) -> f64 {
     const B: [f64; 5] = [
         0.319_381_530,
         -0.356_563_782,
@@ -305,55 +297,20 @@ mod tests {
         }
     }
 
-    fn room(clearances_mm: &[(f64, f64)]) -> Room {
-        let wall = |&(x, clearance_mm): &(f64, f64)| Wall {
-            point: Point3::origin(),
-            direction: Vector3::new(x.cos(), x.sin(), 0.0),
-            clearance_mm,
-        };
-        let least = clearances_mm.iter().map(|c| c.1).fold(99.0, f64::min);
-        Room {
-            clearance_mm: least,
-            isthmus_depth_mm: 20.0,
-            walls: clearances_mm.iter().map(wall).collect(),
-        }
-    }
-
-    /// Of the place alone, mm.
-    fn shifting(x_mm: f64, y_mm: f64) -> PoseCovariance {
-        let mut matrix = Matrix6::zeros();
-        (matrix[(3, 3)], matrix[(4, 4)]) = (x_mm.powi(2), y_mm.powi(2));
-        PoseCovariance {
-            matrix,
-            center: Point3::origin(),
-        }
-    }
-
     #[test]
-    fn a_breach_is_certain_without_room_and_impossible_without_doubt() {
-        use std::f64::consts::{FRAC_PI_2, PI};
-        let at = |room: &Room, x: f64, y: f64| {
-            room.breach_probability(&Isometry3::identity(), &shifting(x, y))
-        };
-        let tight = room(&[(0.0, 0.0), (PI, 0.0)]);
-        assert!((at(&tight, 0.3, 0.3) - 1.0).abs() < 1e-6, "no room");
-        let between = room(&[(0.0, 2.0), (PI, 2.0), (FRAC_PI_2, 5.0)]);
-        assert!(at(&between, 0.0, 0.0) <= 0.0, "no doubt");
-        assert!(
-            at(&room(&[(0.0, -0.1)]), 0.1, 0.1) >= 1.0,
-            "planned outside"
-        );
-        // One standard deviation of 1 mm towards walls 2 mm away on either side.
-        assert!(
-            (at(&between, 1.0, 0.1) - 2.0 * 0.022_750_1).abs() < 1e-6,
-            "two walls"
-        );
-        let open = room(&[(0.0, 2.0), (PI, 9.0), (FRAC_PI_2, 5.0)]);
-        assert!((at(&open, 1.0, 0.1) - 0.022_750_1).abs() < 1e-6, "one wall");
-        assert!(
-            at(&open, 0.1, 2.5) > 0.02 && at(&open, 0.1, 0.1) < 1e-6,
-            "a wall farther away in the direction of the doubt"
-        );
+    fn a_tip_nears_a_slanting_wall_as_it_is_pushed_on_and_a_screw_beside_it_does_not() {
+        let axis = Vector3::z();
+        // A wall 3 mm beside the axis that closes in by 45°.
+        let normal = Vector3::new(1.0, 0.0, 1.0).normalize();
+        let seen = |is_tip| across(&Vector3::new(3.0, 0.0, 0.0), &normal, (&axis, 2.0), is_tip);
+        let beside = seen(false).unwrap();
+        assert!((beside.direction - Vector3::x()).norm() < 1e-12);
+        assert!((beside.clearance_mm - 1.0).abs() < 1e-12);
+        let tip = seen(true).unwrap();
+        assert!((tip.direction - normal).norm() < 1e-12);
+        assert!((tip.clearance_mm - std::f64::consts::FRAC_1_SQRT_2).abs() < 1e-12);
+        let ahead = across(&Vector3::new(3.0, 0.0, 0.0), &axis, (&axis, 2.0), true);
+        assert_eq!(ahead, None, "a wall across the axis is not beside it");
     }
 
     #[test]

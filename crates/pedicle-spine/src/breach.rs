@@ -1,0 +1,257 @@
+//! The probability that a carried screw breaches any wall.
+//!
+//! ```text
+//! P(∪ᵢ Aᵢ) = Σᵢ Qᵢ · ⟨ 1 / #{j : x ∈ Aⱼ} ⟩,   Aᵢ = {aᵢ · x > mᵢ},   aᵢ = [ (p - c) × u ; u ],   Qᵢ = Q(mᵢ / √(aᵢᵀ Σ aᵢ))
+//! ```
+//!
+//! x ~ N(0, Σ) is the error of the pose, mᵢ the room between a screw and the cortex at the point p of its axis in the direction u, Q the upper tail of the normal
+//! distribution. Walls share most of their errors: a screw that turns towards the canal leaves the bone at many stations or at none, and the tails of all of them
+//! add up to far more than the probability of any. So errors are drawn that breach a wall, the more often the likelier it is, and it is counted how many
+//! they breach (Owen, Maximov & Chertkov 2019, for at least one rare event). Lengths in mm, angles in rad.
+
+use nalgebra::{Isometry3, Matrix6, Point3, SymmetricEigen, Vector3, Vector6};
+use pedicle_registration::PoseCovariance;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, Exp1, StandardNormal};
+
+use crate::uncertainty::upper_tail;
+
+/// Errors drawn: they tell the probability to some hundredths of itself.
+const N_DRAWN: usize = 1024;
+const SEED: u64 = 0x7363_7265_7773;
+/// Walls farther than the nearest one by this many standard deviations add nothing.
+const BEYOND_NEAREST: f64 = 2.5;
+/// Nothing lies so many standard deviations off.
+const NEVER: f64 = 30.0;
+/// Where the tails of all walls add up to less than this, it is the tail of the nearest one.
+const TOO_SMALL: f64 = 1e-5;
+
+/// Cortex beside a screw.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Wall {
+    /// Of the axis.
+    pub(crate) point: Point3<f64>,
+    /// Where the cortex is seen from there, and how far the screw's wall is from it. An error in the wall has to lead so far in this direction.
+    pub(crate) towards: Room,
+    /// The same at right angles to the cortex there, as far as it is flat: errors along a wall lead nowhere.
+    pub(crate) across: Room,
+}
+
+/// A direction and the room in it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Room {
+    pub(crate) direction: Vector3<f64>,
+    pub(crate) clearance_mm: f64,
+}
+
+impl Wall {
+    /// The same beside the screw in its pose.
+    pub(crate) fn placed(&self, pose: &Isometry3<f64>) -> Self {
+        let turned = |room: &Room| Room {
+            direction: pose.rotation * room.direction,
+            clearance_mm: room.clearance_mm,
+        };
+        Self {
+            point: pose * self.point,
+            towards: turned(&self.towards),
+            across: turned(&self.across),
+        }
+    }
+}
+
+/// What a wall asks of an error in standard deviations of it.
+struct Limit {
+    /// Lᵀa over its length: errors in this direction lead into the wall.
+    towards: Vector6<f64>,
+    /// Room over its standard deviation.
+    z: f64,
+}
+
+/// The probability of a breach of any of the walls; NaN if the covariance or a clearance is.
+pub(crate) fn breach_probability(walls: &[Wall], covariance: &PoseCovariance) -> f64 {
+    if covariance.matrix.iter().any(|x| !x.is_finite()) {
+        return f64::NAN;
+    }
+    let eigen = SymmetricEigen::new(covariance.matrix);
+    let roots = eigen
+        .eigenvalues
+        .map(|x| if x > 0.0 { x.sqrt() } else { 0.0 });
+    let root = eigen.eigenvectors * Matrix6::from_diagonal(&roots);
+    let mut limits = Vec::with_capacity(walls.len());
+    for wall in walls {
+        let lever = wall.point - covariance.center;
+        // Both are needed for a breach there.
+        let mut limit: Option<Limit> = None;
+        for room in [&wall.towards, &wall.across] {
+            let (turn, u) = (lever.cross(&room.direction), room.direction);
+            let along = root.tr_mul(&Vector6::new(turn.x, turn.y, turn.z, u.x, u.y, u.z));
+            let deviation_mm = along.norm();
+            if room.clearance_mm.is_nan() {
+                return f64::NAN;
+            }
+            if deviation_mm <= 0.0 && room.clearance_mm < 0.0 {
+                return 1.0;
+            }
+            let z = room.clearance_mm / deviation_mm;
+            if limit.as_ref().is_none_or(|before| z > before.z) {
+                limit = Some(Limit {
+                    towards: along / deviation_mm,
+                    z,
+                });
+            }
+        }
+        limits.extend(limit.filter(|limit| limit.z < NEVER));
+    }
+    limits.sort_by(|a, b| a.z.total_cmp(&b.z));
+    let Some(nearest) = limits.first() else {
+        return 0.0;
+    };
+    if nearest.z <= 0.0 {
+        return 1.0;
+    }
+    let n = limits.partition_point(|limit| limit.z <= nearest.z + BEYOND_NEAREST);
+    let limits = &limits[..n];
+    let tails: Vec<f64> = limits.iter().map(|limit| upper_tail(limit.z)).collect();
+    let all: f64 = tails.iter().sum();
+    if all < TOO_SMALL {
+        return tails[0];
+    }
+    all * alone(limits, &tails, all)
+}
+
+/// One over how many walls an error breaches, on average over errors that breach a wall.
+fn alone(limits: &[Limit], tails: &[f64], all: f64) -> f64 {
+    let mut rng = ChaCha8Rng::seed_from_u64(SEED);
+    let (mut sum, mut n_drawn, mut behind) = (0.0, 0, 0.0);
+    for (limit, tail) in limits.iter().zip(tails) {
+        behind += tail / all;
+        while n_drawn < N_DRAWN && (n_drawn as f64 + 0.5) < behind * N_DRAWN as f64 {
+            n_drawn += 1;
+            let error = Vector6::from_fn(|_, _| -> f64 { StandardNormal.sample(&mut rng) });
+            let within = limit.towards.dot(&error);
+            let error = error + limit.towards * (beyond(limit.z, &mut rng) - within);
+            let breached = |other: &&Limit| other.towards.dot(&error) >= other.z;
+            // Rounding may leave it just before its own wall.
+            let n = limits.iter().filter(breached).count().max(1);
+            sum += 1.0 / n as f64;
+        }
+    }
+    sum / n_drawn as f64
+}
+
+/// A standard normal number beyond z > 0 (Marsaglia 1964).
+fn beyond(z: f64, rng: &mut ChaCha8Rng) -> f64 {
+    loop {
+        let exponential: f64 = Exp1.sample(rng);
+        let number = (z * z + 2.0 * exponential).sqrt();
+        let part: f64 = rng.random();
+        if part * number <= z {
+            return number;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::{FRAC_PI_2, PI};
+
+    /// A wall at right angles to the direction that it is seen in.
+    fn flat(point: Point3<f64>, direction: Vector3<f64>, clearance_mm: f64) -> Wall {
+        let room = Room {
+            direction,
+            clearance_mm,
+        };
+        Wall {
+            point,
+            towards: room,
+            across: room,
+        }
+    }
+
+    /// Walls around one point of the axis: angle and clearance.
+    fn walls(all: &[(f64, f64)]) -> Vec<Wall> {
+        let wall = |&(angle, clearance_mm): &(f64, f64)| {
+            let direction = Vector3::new(f64::cos(angle), angle.sin(), 0.0);
+            flat(Point3::origin(), direction, clearance_mm)
+        };
+        all.iter().map(wall).collect()
+    }
+
+    /// Of the place alone, mm.
+    fn shifting(x_mm: f64, y_mm: f64) -> PoseCovariance {
+        let mut matrix = Matrix6::zeros();
+        (matrix[(3, 3)], matrix[(4, 4)]) = (x_mm.powi(2), y_mm.powi(2));
+        PoseCovariance {
+            matrix,
+            center: Point3::origin(),
+        }
+    }
+
+    /// Within a share of what is expected.
+    fn near(found: f64, expected: f64, share: f64) {
+        assert!(
+            (found - expected).abs() <= share * expected,
+            "{found:e} instead of {expected:e}"
+        );
+    }
+
+    #[test]
+    fn walls_that_share_their_errors_do_not_add_up() {
+        let one = upper_tail(3.0);
+        let both = |x: f64, y: f64, angle: f64| {
+            breach_probability(&walls(&[(0.0, 3.0), (angle, 3.0)]), &shifting(x, y))
+        };
+        near(both(1.0, 1.0, 0.0), one, 1e-6);
+        near(both(1.0, 1.0, PI), 2.0 * one, 0.05);
+        near(both(1.0, 1.0, FRAC_PI_2), 1.0 - (1.0 - one).powi(2), 0.05);
+        // A circle of walls: beyond its radius, of two dimensions.
+        let circle: Vec<(f64, f64)> = (0..180).map(|k| (f64::from(k) * PI / 90.0, 3.0)).collect();
+        let found = breach_probability(&walls(&circle), &shifting(1.0, 1.0));
+        near(found, (-4.5_f64).exp(), 0.05);
+    }
+
+    #[test]
+    fn a_turn_leads_into_walls_far_from_its_centre() {
+        let mut matrix = Matrix6::zeros();
+        matrix[(2, 2)] = 0.02_f64.powi(2);
+        let covariance = PoseCovariance {
+            matrix,
+            center: Point3::origin(),
+        };
+        let at = |x: f64, side: f64| flat(Point3::new(x, 0.0, 0.0), Vector3::y() * side, 2.0);
+        // Two ends of a screw: a turn to the left of one is a turn to the right of the other.
+        near(
+            breach_probability(&[at(50.0, 1.0), at(-50.0, -1.0)], &covariance),
+            upper_tail(2.0),
+            1e-6,
+        );
+        near(
+            breach_probability(&[at(50.0, 1.0), at(50.0, -1.0)], &covariance),
+            2.0 * upper_tail(2.0),
+            0.05,
+        );
+    }
+
+    #[test]
+    fn a_breach_is_certain_without_room_and_impossible_without_doubt() {
+        let between = walls(&[(0.0, 2.0), (PI, 2.0), (FRAC_PI_2, 5.0)]);
+        assert!(breach_probability(&between, &shifting(0.0, 0.0)) <= 0.0);
+        let outside = walls(&[(0.0, -0.1), (PI, 2.0)]);
+        assert!(breach_probability(&outside, &shifting(0.1, 0.1)) >= 1.0);
+        assert!(breach_probability(&outside, &shifting(0.0, 0.0)) >= 1.0);
+        assert!(breach_probability(&between, &shifting(f64::NAN, 1.0)).is_nan());
+        let unknown = walls(&[(0.0, f64::NAN)]);
+        assert!(breach_probability(&unknown, &shifting(1.0, 1.0)).is_nan());
+        assert!(breach_probability(&[], &shifting(1.0, 1.0)) <= 0.0);
+        // A wall farther away in the direction of the doubt.
+        let open = walls(&[(0.0, 2.0), (PI, 9.0), (FRAC_PI_2, 5.0)]);
+        near(
+            breach_probability(&open, &shifting(0.1, 2.5)),
+            upper_tail(2.0),
+            1e-6,
+        );
+        assert!(breach_probability(&open, &shifting(0.1, 0.1)) < 1e-6);
+    }
+}
