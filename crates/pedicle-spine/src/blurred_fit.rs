@@ -19,6 +19,8 @@ use crate::blurred_bone::{Blur, BlurredBone, Free, N_FREE, RIDGE_POINTS};
 
 /// A weight is worth so many points before any is seen.
 const PRIOR_POINTS: f64 = 2.0;
+/// The same, at most, where the points show that all weights are alike.
+const MAX_PRIOR_POINTS: f64 = 40.0;
 /// Steps at most; after the first ones they are halved.
 const MAX_STEPS: usize = 50;
 const FULL_STEPS: usize = 8;
@@ -51,11 +53,68 @@ impl BlurredBone {
         points: &[Point3<f64>],
         noise_mm: f64,
     ) -> Option<BlurredFit> {
-        let mut pose = *start;
-        let mut blur = Blur {
+        let blur = Blur {
             sigma_mm: noise_mm,
             weights: vec![1.0; self.n_regions()],
         };
+        let (mut pose, mut blur) = self.settled(start, (start, blur), points, PRIOR_POINTS)?;
+        let mut prior_points = self.prior_points(&pose, blur.sigma_mm, points);
+        if prior_points > PRIOR_POINTS {
+            match self.settled(start, (&pose, blur.clone()), points, prior_points) {
+                Some(found) => (pose, blur) = found,
+                None => prior_points = PRIOR_POINTS,
+            }
+        }
+        let ridge = if prior_points > PRIOR_POINTS {
+            prior_points
+        } else {
+            RIDGE_POINTS
+        };
+        Some(BlurredFit {
+            target_from_source: pose,
+            covariance: self.covariance(&pose, (&blur, ridge), points)?,
+            blur,
+        })
+    }
+
+    /// How many points a weight is worth before any is seen: the more, the less the numbers of points that regions explain are
+    /// scattered about their shares of the area, over what chance scatters them.
+    fn prior_points(&self, pose: &Isometry3<f64>, sigma_mm: f64, points: &[Point3<f64>]) -> f64 {
+        let flat = Blur {
+            sigma_mm,
+            weights: vec![1.0; self.n_regions()],
+        };
+        let inverse = pose.inverse();
+        let mut explained = vec![0.0; self.n_regions()];
+        let local = points.iter().map(|y| inverse * y);
+        let n_shown = self.each_said(local, &flat, |said| {
+            self.add_regions(said.shown, &mut explained);
+        });
+        let mut scatter = 0.0;
+        for (explained, share) in explained.iter().zip(&self.share) {
+            let expected = share * n_shown as f64;
+            scatter += (explained - expected).powi(2) / (expected + PRIOR_POINTS);
+        }
+        let more = scatter / self.n_regions() as f64 - 1.0;
+        let mean = n_shown as f64 / self.n_regions() as f64;
+        let least = mean / MAX_PRIOR_POINTS;
+        let worth = mean / if more > least { more } else { least };
+        if worth > PRIOR_POINTS {
+            worth
+        } else {
+            PRIOR_POINTS
+        }
+    }
+
+    /// The likeliest pose from one that is nearly right, and not far from where all began.
+    fn settled(
+        &self,
+        start: &Isometry3<f64>,
+        (pose, mut blur): (&Isometry3<f64>, Blur),
+        points: &[Point3<f64>],
+        prior_points: f64,
+    ) -> Option<(Isometry3<f64>, Blur)> {
+        let mut pose = *pose;
         for k in 0..MAX_STEPS {
             let inverse = pose.inverse();
             let mut information = SMatrix::<f64, N_FREE, N_FREE>::zeros();
@@ -72,7 +131,7 @@ impl BlurredBone {
             pose *= self.moved_by(&step);
             let most = MAX_CHANGE_OF_SIGMA * blur.sigma_mm;
             blur.sigma_mm += step[6].clamp(-most, most);
-            let changed_points = self.weigh(&mut blur, &explained, points.len());
+            let changed_points = self.weigh(&mut blur, &explained, (points.len(), prior_points));
             let change = pose_error(&pose, start, &self.center);
             let is_near =
                 change.translation_mm <= MAX_CHANGE.0 && change.rotation_rad <= MAX_CHANGE.1;
@@ -81,11 +140,7 @@ impl BlurredBone {
             }
             let is_settled = score.dot(&whole_step) <= SETTLED * SETTLED * N_FREE as f64;
             if is_settled && changed_points <= SETTLED_POINTS {
-                return Some(BlurredFit {
-                    target_from_source: pose,
-                    covariance: self.covariance(&pose, &blur, points)?,
-                    blur,
-                });
+                return Some((pose, blur));
             }
         }
         None
@@ -104,7 +159,7 @@ impl BlurredBone {
     fn covariance(
         &self,
         pose: &Isometry3<f64>,
-        blur: &Blur,
+        (blur, ridge_points): (&Blur, f64),
         points: &[Point3<f64>],
     ) -> Option<PoseCovariance> {
         let inverse = pose.inverse();
@@ -119,7 +174,7 @@ impl BlurredBone {
             information.ger(1.0, &g, &g, 1.0);
         });
         for r in N_FREE..n {
-            information[(r, r)] += RIDGE_POINTS;
+            information[(r, r)] += ridge_points;
         }
         let of_all = information.cholesky()?.inverse();
         let of_pose: Matrix6<f64> = of_all.fixed_view::<6, 6>(0, 0).into_owned();
@@ -136,13 +191,20 @@ impl BlurredBone {
     }
 
     /// The weights of the regions, from how many points each explains; by how many points the one that changes most does.
-    fn weigh(&self, blur: &mut Blur, explained: &[f64], n_points: usize) -> f64 {
+    fn weigh(
+        &self,
+        blur: &mut Blur,
+        explained: &[f64],
+        (n_points, prior_points): (usize, f64),
+    ) -> f64 {
         let mut most = 0.0;
         for ((weight, explained), share) in blur.weights.iter_mut().zip(explained).zip(&self.share)
         {
-            let before = if *weight < 1.0 { *weight } else { 1.0 };
+            // A region that is not seen stays so, unless all are alike.
+            let is_free = prior_points <= PRIOR_POINTS && *weight < 1.0;
+            let before = if is_free { *weight } else { 1.0 };
             let expected = share * n_points as f64;
-            let after = (explained + PRIOR_POINTS * before) / (expected + PRIOR_POINTS);
+            let after = (explained + prior_points * before) / (expected + prior_points);
             let change = (after - *weight).abs() * expected;
             most = if change > most { change } else { most };
             *weight = after;

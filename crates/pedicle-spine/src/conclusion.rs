@@ -86,7 +86,7 @@ impl Conclusion<'_> {
         }
         let together = self.together(&vertebrae, &[], options);
         let shape = self.shape(&vertebrae);
-        let differs = shape.and_then(|change| shape_rejection(&change, options));
+        let differs = shape_rejection(shape.as_ref(), options).filter(|_| self.fit.needs_shape);
         let seen = self.fit.fits.iter().filter_map(|fit| fit.seen);
         let shares = seen.map(|seen| seen.behind_share).collect();
         // Pixels that err alike tell as little as fewer, or noisier ones.

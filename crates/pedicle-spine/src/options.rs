@@ -63,8 +63,7 @@ pub struct VerdictOptions {
     /// Smallest share of the vertebra's target points that the fit explains. Default 0.85.
     pub min_explained_share: f64,
     /// Largest noise of the target surface, as the median bone shows it, mm; a single bone may show 1.1 times as much.
-    /// Default 2.3: beyond that the shape no longer tells a person from one who is much alike. A noise of 2 mm shows as 1.8 to 2.1,
-    /// one of 3 mm as 2.6 and more.
+    /// Default 3.5: beyond 3 mm nothing was tried.
     pub max_noise_mm: f64,
     /// Largest standard deviation of the vertebra's position in the worst direction, mm. Default
     /// 0.6: more than four of them stay within the published margin of 2.5 mm.

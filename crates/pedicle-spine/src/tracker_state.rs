@@ -42,8 +42,9 @@ impl Default for TrackerOptions {
             max_jump_rad: 0.14,
             max_spine_jump_mm: 15.0,
             max_frames_lost: 100,
-            // Frames are fitted to the closest places, which tell less of a noisier camera than its rays.
+            // Frames are fitted to the closest places, which tell less of noisier points than their rays and their density.
             verdict: VerdictOptions {
+                max_noise_mm: 2.3,
                 max_noise_of_camera_mm: 1.5,
                 max_behind_share: 0.06,
                 ..VerdictOptions::default()

@@ -31,21 +31,25 @@ pub(crate) fn pooled_rejection(
     })
 }
 
-/// Whether the points tell that the bones are the plan's where noise hides their bumps. A NaN never does.
-pub(crate) fn shape_rejection(change: &SpineChange, options: &VerdictOptions) -> Option<Rejection> {
-    let (log_bayes_factor, max) = (change.log_bayes_factor, options.max_log_bayes_factor);
-    if log_bayes_factor <= max {
-        None
-    } else if log_bayes_factor <= 0.0 {
-        Some(Rejection::ShapeNotTold {
-            log_bayes_factor,
-            max,
-        })
-    } else {
-        Some(Rejection::BonesDiffer {
-            log_bayes_factor,
+/// Whether the points tell that the bones are the plan's where noise hides their bumps: nothing is told of none and of a NaN.
+pub(crate) fn shape_rejection(
+    change: Option<&SpineChange>,
+    options: &VerdictOptions,
+) -> Option<Rejection> {
+    let max = options.max_log_bayes_factor;
+    match change {
+        Some(change) if change.log_bayes_factor <= max => None,
+        Some(change) if change.log_bayes_factor > 0.0 => Some(Rejection::BonesDiffer {
+            log_bayes_factor: change.log_bayes_factor,
             larger: change.larger.into(),
-        })
+        }),
+        _ => {
+            let told = change.map(|change| change.log_bayes_factor);
+            Some(Rejection::ShapeNotTold {
+                log_bayes_factor: told.filter(|told| told.is_finite()).unwrap_or(0.0),
+                max,
+            })
+        }
     }
 }
 
@@ -131,14 +135,17 @@ mod tests {
 
     #[test]
     fn a_bone_of_another_shape_or_of_none_that_is_known_is_refused() {
-        let judged = |excess| {
-            let found = bone_rejection(excess, 200, &VerdictOptions::default());
+        let judged = |log_bayes_factor| {
+            let found = bone_rejection(log_bayes_factor, 200, &VerdictOptions::default());
             found.map(|reason| reason.to_string())
         };
         assert_eq!(judged(Some(-1.0)), None);
-        assert_eq!(judged(Some(2.9)), None);
-        let other = judged(Some(3.2)).unwrap_or_default();
-        assert!(other.contains("3.2 times what noise does"), "{other}");
+        assert_eq!(judged(Some(1.9)), None);
+        let other = judged(Some(3.0)).unwrap_or_default();
+        assert!(
+            other.contains("20 times likelier of another one"),
+            "{other}"
+        );
         assert!(judged(Some(f64::NAN)).is_some(), "a NaN never holds");
         let unknown = judged(None).unwrap_or_default();
         assert!(unknown.contains("200 points do not tell"), "{unknown}");
@@ -224,12 +231,13 @@ mod tests {
                 log_bayes_factor,
                 larger: nalgebra::Vector3::new(0.03, 0.0, 0.01),
             };
-            shape_rejection(&change, &options).map(|r| r.to_string())
+            shape_rejection(Some(&change), &options).map(|r| r.to_string())
         };
         assert_eq!(judged(-12.0), None, "the plan's bones");
         assert!(judged(-1.0).is_some_and(|r| r.contains("less noisily")));
         assert!(judged(6.0).is_some_and(|r| r.contains("right patient")));
-        assert!(judged(f64::NAN).is_some());
+        assert!(judged(f64::NAN).is_some_and(|r| r.contains("only 1.0 times")));
+        assert!(shape_rejection(None, &options).is_some());
     }
 
     #[test]
