@@ -9,7 +9,7 @@
 //! so many points where these numbers are large that processes seem to be longer and edges sharper than they are. Taken as unknown weights,
 //! exp(Σ_k w_k d_k(s)), they explain that.
 //!
-//! Each number is over all places 0 in the mean and 1 in the root mean square, and no larger than 3.
+//! Each number is over all places brought to 0 in the mean and 1 in the root mean square, and then to 3 at most. Where fewer than 8 places lie within r, the nearest 8 count.
 
 use std::num::NonZero;
 
@@ -101,4 +101,77 @@ fn bend(
         0.0
     };
     (variation, normal.dot(&mean) / radius_mm)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::local_shape::tree_of;
+    use pedicle_mesh::TriMesh;
+
+    /// The surface of a box, in triangles of some millimetres, and without doubled vertices.
+    fn boxed(edge_mm: f64, n: usize) -> TriMesh {
+        let step = edge_mm / n as f64;
+        let mut known = std::collections::BTreeMap::new();
+        let mut vertices = Vec::new();
+        let mut faces = Vec::new();
+        for (axis, side) in [(0, 0), (0, n), (1, 0), (1, n), (2, 0), (2, n)] {
+            for (i, k) in (0..n).flat_map(|i| (0..n).map(move |k| (i, k))) {
+                let corners = [(i, k), (i + 1, k), (i + 1, k + 1), (i, k + 1)].map(|(i, k)| {
+                    let mut at = [0; 3];
+                    (at[axis], at[(axis + 1) % 3], at[(axis + 2) % 3]) = (side, i, k);
+                    *known.entry(at).or_insert_with(|| {
+                        vertices.push(Point3::from(at.map(|x| x as f64 * step)));
+                        vertices.len() as u32 - 1
+                    })
+                });
+                let [a, b, c, d] = corners;
+                let two = [[a, b, c], [a, c, d]];
+                faces.extend(two.map(|[a, b, c]| if side == 0 { [a, c, b] } else { [a, b, c] }));
+            }
+        }
+        TriMesh::new(vertices, faces).unwrap()
+    }
+
+    #[test]
+    fn edges_bend_outward_and_faces_do_not() {
+        let mesh = boxed(40.0, 20);
+        let bone = BoneSurface::new(&mesh).unwrap();
+        let places = bone.spread_points(4000);
+        let all = bends(&bone, &places, &tree_of(&places).unwrap());
+        // How many walls a place lies near to.
+        let walls = |p: &Point3<f64>| p.iter().filter(|x| **x < 2.0 || **x > 38.0).count();
+        for (k, three) in [[0, 1, 2], [3, 4, 5]].into_iter().enumerate() {
+            let mean = |number: usize, n_walls: usize| {
+                let chosen = places.iter().zip(&all).filter(|(p, _)| walls(p) == n_walls);
+                let numbers: Vec<f64> = chosen.map(|(_, row)| row[number]).collect();
+                numbers.iter().sum::<f64>() / numbers.len() as f64
+            };
+            let [variation, bend, size] = three;
+            assert!(
+                mean(variation, 2) > 1.0 && mean(variation, 1) < 0.0,
+                "radius {k}"
+            );
+            assert!(mean(bend, 2) < -1.0 && mean(bend, 1) > 0.0, "radius {k}");
+            assert!(mean(size, 2) > 1.0 && mean(size, 1) < 0.0, "radius {k}");
+        }
+        for number in 0..N_BENDS {
+            let sum: f64 = all.iter().map(|row| row[number]).sum();
+            assert!((sum / all.len() as f64).abs() < 0.1, "0 in the mean");
+            assert!(all.iter().all(|row| row[number].abs() <= LARGEST));
+        }
+    }
+
+    #[test]
+    fn places_too_few_for_a_radius_have_their_nearest_ones() {
+        let mesh = boxed(40.0, 4);
+        let bone = BoneSurface::new(&mesh).unwrap();
+        let places = bone.spread_points(40);
+        let all = bends(&bone, &places, &tree_of(&places).unwrap());
+        assert!(all.iter().flatten().all(|number| number.is_finite()));
+        // The same for places that are one: nothing can be said of them, and nothing is.
+        let one = vec![places[0]; 20];
+        let none = bends(&bone, &one, &tree_of(&one[..1]).unwrap());
+        assert_eq!(none, vec![[0.0; N_BENDS]; 20]);
+    }
 }

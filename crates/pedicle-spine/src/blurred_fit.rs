@@ -21,6 +21,10 @@ use crate::blurred_bone::{Blur, BlurredBone, Free, N_FREE, RIDGE_POINTS};
 const PRIOR_POINTS: f64 = 2.0;
 /// The same, at most, where the points show that all weights are alike.
 const MAX_PRIOR_POINTS: f64 = 40.0;
+/// A region that would show fewer points by its share of the area does not tell whether it is seen.
+const MIN_EXPECTED: f64 = 5.0;
+/// One that shows less than this part of them is not seen, or not wholly.
+const LEAST_OF_SHARE: f64 = 0.5;
 /// Steps at most; after the first ones they are halved.
 const MAX_STEPS: usize = 50;
 const FULL_STEPS: usize = 8;
@@ -77,8 +81,8 @@ impl BlurredBone {
         })
     }
 
-    /// How many points a weight is worth before any is seen: the more, the less the numbers of points that regions explain are
-    /// scattered about their shares of the area, over what chance scatters them.
+    /// How many points a weight is worth before any is seen: more than usual where no region shows far fewer points than its share of the
+    /// area, and all are scattered about their shares no more than chance scatters them.
     fn prior_points(&self, pose: &Isometry3<f64>, sigma_mm: f64, points: &[Point3<f64>]) -> f64 {
         let flat = Blur {
             sigma_mm,
@@ -90,12 +94,23 @@ impl BlurredBone {
         let n_shown = self.each_said(local, &flat, |said| {
             self.add_regions(said.shown, &mut explained);
         });
-        let mut scatter = 0.0;
+        let (mut scatter, mut n_judged) = (0.0, 0);
         for (explained, share) in explained.iter().zip(&self.share) {
             let expected = share * n_shown as f64;
-            scatter += (explained - expected).powi(2) / (expected + PRIOR_POINTS);
+            if expected < MIN_EXPECTED {
+                continue;
+            }
+            if *explained < LEAST_OF_SHARE * expected {
+                return PRIOR_POINTS;
+            }
+            scatter += (explained - expected).powi(2) / expected;
+            n_judged += 1;
         }
-        let more = scatter / self.n_regions() as f64 - 1.0;
+        let freedom = f64::from(n_judged) - 1.0;
+        if freedom < 1.0 || scatter > freedom + 2.0 * (2.0 * freedom).sqrt() {
+            return PRIOR_POINTS;
+        }
+        let more = scatter / freedom - 1.0;
         let mean = n_shown as f64 / self.n_regions() as f64;
         let least = mean / MAX_PRIOR_POINTS;
         let worth = mean / if more > least { more } else { least };

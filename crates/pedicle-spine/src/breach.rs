@@ -1,4 +1,4 @@
-//! The probability that a carried screw breaches any wall.
+//! The probability that a carried screw breaches a wall beside it.
 //!
 //! ```text
 //! P(∪ᵢ Aᵢ) = Σᵢ Qᵢ · ⟨ 1 / #{j : x ∈ Aⱼ} ⟩,   Aᵢ = {aᵢ · x > mᵢ},   aᵢ = [ (p - c) × u ; u ],   Qᵢ = Q(mᵢ / √(aᵢᵀ Σ aᵢ))
@@ -24,8 +24,10 @@ const SEED: u64 = 0x7363_7265_7773;
 const BEYOND_NEAREST: f64 = 2.5;
 /// Nothing lies so many standard deviations off.
 const NEVER: f64 = 30.0;
-/// Where the tails of all walls add up to less than this, it is the tail of the nearest one.
+/// Where the tails of all walls add up to less than this, or one is larger than that, no error is drawn: their sum, which is never less than the
+/// probability, will do.
 const TOO_SMALL: f64 = 1e-5;
+const LARGE: f64 = 0.2;
 
 /// Cortex beside a screw.
 #[derive(Debug, Clone, PartialEq)]
@@ -90,10 +92,12 @@ pub(crate) fn breach_probability(walls: &[Wall], covariance: &PoseCovariance) ->
             if room.clearance_mm.is_nan() {
                 return f64::NAN;
             }
-            if deviation_mm <= 0.0 && room.clearance_mm < 0.0 {
-                return 1.0;
-            }
-            let z = room.clearance_mm / deviation_mm;
+            let z = if deviation_mm > 0.0 {
+                room.clearance_mm / deviation_mm
+            } else {
+                // Where nothing is in doubt a wall is breached or never will be.
+                f64::INFINITY.copysign(room.clearance_mm)
+            };
             if limit.as_ref().is_none_or(|before| z > before.z) {
                 limit = Some(Limit {
                     towards: along / deviation_mm,
@@ -114,10 +118,12 @@ pub(crate) fn breach_probability(walls: &[Wall], covariance: &PoseCovariance) ->
     let limits = &limits[..n];
     let tails: Vec<f64> = limits.iter().map(|limit| upper_tail(limit.z)).collect();
     let all: f64 = tails.iter().sum();
-    if all < TOO_SMALL {
-        return tails[0];
+    let most = if all > 1.0 { 1.0 } else { all };
+    if all < TOO_SMALL || tails[0] > LARGE {
+        return most;
     }
-    all * alone(limits, &tails, all)
+    let found = all * alone(limits, &tails, all);
+    if found > 1.0 { 1.0 } else { found }
 }
 
 /// One over how many walls an error breaches, on average over errors that breach a wall.
@@ -245,6 +251,12 @@ mod tests {
         let unknown = walls(&[(0.0, f64::NAN)]);
         assert!(breach_probability(&unknown, &shifting(1.0, 1.0)).is_nan());
         assert!(breach_probability(&[], &shifting(1.0, 1.0)) <= 0.0);
+        // Room as small as rounding leaves.
+        let touching = walls(&[(0.0, 1e-13), (PI, 2.0)]);
+        assert!(breach_probability(&touching, &shifting(1.0, 1.0)) >= 0.5);
+        // Hardly any doubt: the sum of all tails.
+        let rare = breach_probability(&walls(&[(0.0, 5.0), (PI, 5.0)]), &shifting(1.0, 1.0));
+        near(rare, 2.0 * upper_tail(5.0), 1e-6);
         // A wall farther away in the direction of the doubt.
         let open = walls(&[(0.0, 2.0), (PI, 9.0), (FRAC_PI_2, 5.0)]);
         near(

@@ -153,11 +153,16 @@ impl Conclusion<'_> {
     }
 
     /// What the points of the vertebrae that are trusted otherwise, or would be if their poses were known better, say of the
-    /// plan's shape where noise hides its bumps.
+    /// plan's shape where noise hides its bumps; none where most of them do not tell.
     fn shape(&self, vertebrae: &[VertebraTransfer]) -> Option<SpineChange> {
-        let all: Vec<&ShapeChange> = witnesses(vertebrae)
-            .filter_map(|v| self.fit.fits[v].shape.as_ref())
+        let trusted: Vec<usize> = witnesses(vertebrae).collect();
+        let all: Vec<&ShapeChange> = trusted
+            .iter()
+            .filter_map(|&v| self.fit.fits[v].shape.as_ref())
             .collect();
+        if 2 * all.len() < trusted.len() {
+            return None;
+        }
         ShapeChange::of_spine(&all)
     }
 

@@ -54,7 +54,7 @@ pub(crate) struct Fit {
     pub(crate) coverage: f64,
     pub(crate) posterior_coverage: f64,
     pub(crate) misfit: Misfit,
-    /// Whether the bone has the plan's shape where noise hides its bumps; none where it does not.
+    /// What its points say of a change of its shape where noise hides its bumps; none where it does not.
     pub(crate) shape: Option<ShapeChange>,
     /// Share of the bone's surface towards the camera that it saw through; 0 without a camera.
     pub(crate) seen_through: f64,

@@ -63,7 +63,7 @@ pub struct VerdictOptions {
     /// Smallest share of the vertebra's target points that the fit explains. Default 0.85.
     pub min_explained_share: f64,
     /// Largest noise of the target surface, as the median bone shows it, mm; a single bone may show 1.1 times as much.
-    /// Default 3.5: beyond 3 mm nothing was tried.
+    /// Default 3.2: a noise of 3 mm shows as 2.6 to 3.1, beyond that nothing was tried.
     pub max_noise_mm: f64,
     /// Largest standard deviation of the vertebra's position in the worst direction, mm. Default
     /// 0.6: more than four of them stay within the published margin of 2.5 mm.
@@ -115,8 +115,12 @@ pub struct VerdictOptions {
     pub max_pooled_misfit_of_camera_mm: f64,
     /// Largest natural logarithm of the Bayes factor of another person's bones against the plan's
     /// ([`SpineChange::log_bayes_factor`](crate::SpineChange)), of all bones together. Judged from a noise of 1.25 mm on, where noise hides bumps. Not of
-    /// what a camera saw. Default -6: the points are 400 times likelier of the plan's bones.
+    /// what a camera saw. Default -6: the points are 400 times likelier of the plan's bones than of those of people who differ as much as the
+    /// smooth displacements do that others are taken to have.
     pub max_log_bayes_factor: f64,
+    /// The same of the likeliest of three kinds of others ([`SpineChange::largest_log_bayes_factor`](crate::SpineChange)), some of which points hardly tell.
+    /// Default 1.
+    pub max_log_bayes_factor_of_any: f64,
     /// The same of one bone by itself, which tells less. Default 2.
     pub max_log_bayes_factor_of_bone: f64,
     /// Largest noise of what a camera saw, mm. Default 2.2: beyond that nothing was tried. Of a camera whose pixels err alike, n of which tell as much
@@ -243,7 +247,7 @@ impl Default for VerdictOptions {
             min_points: 60,
             min_posterior_coverage: 0.35,
             min_explained_share: 0.85,
-            max_noise_mm: 3.5,
+            max_noise_mm: 3.2,
             max_translation_std_mm: 0.6,
             max_rotation_std_rad: 0.027,
             max_translation_std_along_rays_mm: 0.4,
@@ -261,6 +265,7 @@ impl Default for VerdictOptions {
             misfit_in_sigma: 3.0,
             pooled_misfit_in_sigma: 3.0,
             max_log_bayes_factor: -6.0,
+            max_log_bayes_factor_of_any: 1.0,
             max_log_bayes_factor_of_bone: 2.0,
             max_noise_of_camera_mm: 2.2,
             max_seen_through: 0.02,

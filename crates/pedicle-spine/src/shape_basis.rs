@@ -112,3 +112,64 @@ pub(crate) fn along_axes(frame: &AnatomicalFrame, vector: &Vector3<f64>) -> Vect
 fn closeness(a: &Point3<f64>, b: &Point3<f64>) -> f64 {
     (-0.5 * (a - b).norm_squared() / (LENGTH_MM * LENGTH_MM)).exp()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pedicle_simulation::{MeshingOptions, PhantomParameters, generate_phantom};
+
+    fn basis() -> (ShapeBasis, TriMesh, AnatomicalFrame) {
+        let phantom =
+            generate_phantom(&PhantomParameters::default(), &MeshingOptions::default()).unwrap();
+        let frame = AnatomicalFrame {
+            origin: Point3::origin(),
+            left: Vector3::x(),
+            anterior: -Vector3::y(),
+            up: Vector3::z(),
+        };
+        let meshes = phantom.vertebrae.iter().map(|v| (&v.mesh, &frame));
+        let basis = ShapeBasis::new(meshes).unwrap();
+        (basis, phantom.vertebrae[1].mesh.clone(), frame)
+    }
+
+    #[test]
+    fn displacements_go_together_as_far_as_the_process_says() {
+        let (basis, mesh, frame) = basis();
+        let center = mesh.centroid();
+        let step = mesh.n_vertices() / 40;
+        let places: Vec<Point3<f64>> = mesh.vertices().iter().step_by(step).copied().collect();
+        let fields = basis.fields(&places, &center, &frame);
+        for (i, a) in places.iter().enumerate() {
+            for (k, b) in places.iter().enumerate() {
+                let found = fields.column(i).dot(&fields.column(k));
+                let expected = DEVIATION_MM.powi(2)
+                    * (-(a - b).norm_squared() / (2.0 * LENGTH_MM.powi(2))).exp();
+                assert!(
+                    (found - expected).abs() < 0.1,
+                    "{found} instead of {expected} at {} mm",
+                    (a - b).norm()
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_stretch_is_one_of_them() {
+        let (basis, mesh, frame) = basis();
+        let center = mesh.centroid();
+        let places: Vec<Point3<f64>> = mesh.vertices().iter().step_by(50).copied().collect();
+        let fields = basis.fields(&places, &center, &frame);
+        let (stretches, n) = (basis.stretches(), basis.n_fields());
+        for axis in 0..3 {
+            let numbers = stretches.view((axis * n, axis), (n, 1));
+            let displacement = fields.tr_mul(&numbers);
+            for (place, found) in places.iter().zip(displacement.iter()) {
+                let expected = along_axes(&frame, &(place - center))[axis];
+                assert!(
+                    (found - expected).abs() < 1.5 + 0.05 * expected.abs(),
+                    "{found} instead of {expected}"
+                );
+            }
+        }
+    }
+}

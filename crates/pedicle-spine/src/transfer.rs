@@ -167,7 +167,7 @@ pub struct Transfer {
     pub unexplained_share: f64,
     /// Share by which the target is explained worse with all levels shifted by one.
     pub level_margin: f64,
-    /// Whose bones they are, all together, where noise hides their bumps; none where it
+    /// Whose bones they are, all together, where noise hides their bumps (the verdict asks those that are trusted otherwise); none where it
     /// does not.
     pub shape_change: Option<crate::SpineChange>,
 }

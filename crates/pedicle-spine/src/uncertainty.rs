@@ -171,7 +171,7 @@ impl Anatomy {
 }
 
 /// The direction away from the axis at right angles to the cortex, and how far a screw of this radius is from the tangent plane there, mm; none where
-/// the cortex faces along the axis. Beside a screw its own direction leads nowhere; its tip nears what slants across its way where it is pushed on,
+/// the cortex faces along the axis. Beside a screw its own direction leads nowhere; its tip nears what closes in on its way where it is pushed on,
 /// and leaves it where it is drawn back.
 fn across(
     to_cortex: &Vector3<f64>,
@@ -182,7 +182,7 @@ fn across(
     let outward = normal * to_cortex.dot(normal).signum();
     let beside = outward - axis * axis.dot(&outward);
     let share = beside.norm();
-    let (direction, share) = if is_tip {
+    let (direction, share) = if is_tip && axis.dot(&outward) > 0.0 {
         (outward, share)
     } else {
         (beside / share, 1.0)
@@ -309,6 +309,13 @@ mod tests {
         let tip = seen(true).unwrap();
         assert!((tip.direction - normal).norm() < 1e-12);
         assert!((tip.clearance_mm - std::f64::consts::FRAC_1_SQRT_2).abs() < 1e-12);
+        let opening = Vector3::new(1.0, 0.0, -1.0).normalize();
+        let open = across(&Vector3::new(3.0, 0.0, 0.0), &opening, (&axis, 2.0), true);
+        assert_eq!(
+            open,
+            Some(beside),
+            "a wall that opens stays beside the screw"
+        );
         let ahead = across(&Vector3::new(3.0, 0.0, 0.0), &axis, (&axis, 2.0), true);
         assert_eq!(ahead, None, "a wall across the axis is not beside it");
     }

@@ -36,21 +36,25 @@ pub(crate) fn shape_rejection(
     change: Option<&SpineChange>,
     options: &VerdictOptions,
 ) -> Option<Rejection> {
-    let max = options.max_log_bayes_factor;
-    match change {
-        Some(change) if change.log_bayes_factor <= max => None,
-        Some(change) if change.log_bayes_factor > 0.0 => Some(Rejection::BonesDiffer {
-            log_bayes_factor: change.log_bayes_factor,
+    let told = change.filter(|change| change.largest_log_bayes_factor.is_finite());
+    let Some(change) = told else {
+        return Some(Rejection::ShapeNotTold {
+            log_bayes_factor: 0.0,
+            max: options.max_log_bayes_factor,
+        });
+    };
+    let largest = change.largest_log_bayes_factor;
+    if largest > options.max_log_bayes_factor_of_any {
+        return Some(Rejection::BonesDiffer {
+            log_bayes_factor: largest,
             larger: change.larger.into(),
-        }),
-        _ => {
-            let told = change.map(|change| change.log_bayes_factor);
-            Some(Rejection::ShapeNotTold {
-                log_bayes_factor: told.filter(|told| told.is_finite()).unwrap_or(0.0),
-                max,
-            })
-        }
+        });
     }
+    let (log_bayes_factor, max) = (change.log_bayes_factor, options.max_log_bayes_factor);
+    (log_bayes_factor > max).then_some(Rejection::ShapeNotTold {
+        log_bayes_factor,
+        max,
+    })
 }
 
 /// The same of one bone by itself, if anything is known of its shape.
@@ -229,6 +233,7 @@ mod tests {
         let judged = |log_bayes_factor| {
             let change = SpineChange {
                 log_bayes_factor,
+                largest_log_bayes_factor: 0.5 * log_bayes_factor,
                 larger: nalgebra::Vector3::new(0.03, 0.0, 0.01),
             };
             shape_rejection(Some(&change), &options).map(|r| r.to_string())
