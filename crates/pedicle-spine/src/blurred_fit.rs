@@ -61,29 +61,30 @@ impl BlurredBone {
             sigma_mm: noise_mm,
             weights: vec![1.0; self.n_regions()],
         };
-        let (mut pose, mut blur) = self.settled(start, (start, blur), points, PRIOR_POINTS)?;
-        let mut prior_points = self.prior_points(&pose, blur.sigma_mm, points);
-        if prior_points > PRIOR_POINTS {
-            match self.settled(start, (&pose, blur.clone()), points, prior_points) {
-                Some(found) => (pose, blur) = found,
-                None => prior_points = PRIOR_POINTS,
+        let (mut pose, mut blur) = self.settled(start, (start, blur), points, None)?;
+        let mut ridge_points = RIDGE_POINTS;
+        if let Some(alike_points) = self.alike_points(&pose, blur.sigma_mm, points) {
+            let again = (&pose, blur.clone());
+            if let Some(found) = self.settled(start, again, points, Some(alike_points)) {
+                (pose, blur) = found;
+                ridge_points = alike_points;
             }
         }
-        let ridge = if prior_points > PRIOR_POINTS {
-            prior_points
-        } else {
-            RIDGE_POINTS
-        };
         Some(BlurredFit {
             target_from_source: pose,
-            covariance: self.covariance(&pose, (&blur, ridge), points)?,
+            covariance: self.covariance(&pose, (&blur, ridge_points), points)?,
             blur,
         })
     }
 
-    /// How many points a weight is worth before any is seen: more than usual where no region shows far fewer points than its share of the
-    /// area, and all are scattered about their shares no more than chance scatters them.
-    fn prior_points(&self, pose: &Isometry3<f64>, sigma_mm: f64, points: &[Point3<f64>]) -> f64 {
+    /// How many points a weight is worth before any is seen where all are alike: where no region shows far fewer points than its share of the
+    /// area, and all are scattered about their shares no more than chance scatters them. None elsewhere.
+    fn alike_points(
+        &self,
+        pose: &Isometry3<f64>,
+        sigma_mm: f64,
+        points: &[Point3<f64>],
+    ) -> Option<f64> {
         let flat = Blur {
             sigma_mm,
             weights: vec![1.0; self.n_regions()],
@@ -101,24 +102,20 @@ impl BlurredBone {
                 continue;
             }
             if *explained < LEAST_OF_SHARE * expected {
-                return PRIOR_POINTS;
+                return None;
             }
             scatter += (explained - expected).powi(2) / expected;
             n_judged += 1;
         }
         let freedom = f64::from(n_judged) - 1.0;
         if freedom < 1.0 || scatter > freedom + 2.0 * (2.0 * freedom).sqrt() {
-            return PRIOR_POINTS;
+            return None;
         }
         let more = scatter / freedom - 1.0;
         let mean = n_shown as f64 / self.n_regions() as f64;
         let least = mean / MAX_PRIOR_POINTS;
         let worth = mean / if more > least { more } else { least };
-        if worth > PRIOR_POINTS {
-            worth
-        } else {
-            PRIOR_POINTS
-        }
+        (worth > PRIOR_POINTS).then_some(worth)
     }
 
     /// The likeliest pose from one that is nearly right, and not far from where all began.
@@ -127,7 +124,7 @@ impl BlurredBone {
         start: &Isometry3<f64>,
         (pose, mut blur): (&Isometry3<f64>, Blur),
         points: &[Point3<f64>],
-        prior_points: f64,
+        alike_points: Option<f64>,
     ) -> Option<(Isometry3<f64>, Blur)> {
         let mut pose = *pose;
         for k in 0..MAX_STEPS {
@@ -146,7 +143,7 @@ impl BlurredBone {
             pose *= self.moved_by(&step);
             let most = MAX_CHANGE_OF_SIGMA * blur.sigma_mm;
             blur.sigma_mm += step[6].clamp(-most, most);
-            let changed_points = self.weigh(&mut blur, &explained, (points.len(), prior_points));
+            let changed_points = self.weigh(&mut blur, &explained, (points.len(), alike_points));
             let change = pose_error(&pose, start, &self.center);
             let is_near =
                 change.translation_mm <= MAX_CHANGE.0 && change.rotation_rad <= MAX_CHANGE.1;
@@ -210,13 +207,14 @@ impl BlurredBone {
         &self,
         blur: &mut Blur,
         explained: &[f64],
-        (n_points, prior_points): (usize, f64),
+        (n_points, alike_points): (usize, Option<f64>),
     ) -> f64 {
+        let prior_points = alike_points.unwrap_or(PRIOR_POINTS);
         let mut most = 0.0;
         for ((weight, explained), share) in blur.weights.iter_mut().zip(explained).zip(&self.share)
         {
             // A region that is not seen stays so, unless all are alike.
-            let is_free = prior_points <= PRIOR_POINTS && *weight < 1.0;
+            let is_free = alike_points.is_none() && *weight < 1.0;
             let before = if is_free { *weight } else { 1.0 };
             let expected = share * n_points as f64;
             let after = (explained + prior_points * before) / (expected + prior_points);
@@ -342,6 +340,40 @@ mod tests {
             "{:?} against {:?}",
             back.likeliest,
             back.closest
+        );
+    }
+
+    #[test]
+    fn weights_are_alike_where_all_of_a_bone_is_seen_and_no_part_is_taken_for_seen() {
+        let phantom =
+            generate_phantom(&PhantomParameters::default(), &MeshingOptions::default()).unwrap();
+        let mesh = &phantom.vertebrae[2].mesh;
+        let bone = BoneSurface::new(mesh).unwrap();
+        let blurred = BlurredBone::new(&bone, mesh.area(), SIGMA_MM).unwrap();
+        let pose = Isometry3::identity();
+        let mut rng = ChaCha8Rng::seed_from_u64(17);
+        let mut alike = |n: usize, is_seen: &dyn Fn(&Vector3<f64>) -> bool| {
+            let noise = |rng: &mut ChaCha8Rng| {
+                Vector3::from_fn(|_, _| -> f64 { StandardNormal.sample(rng) }) * SIGMA_MM
+            };
+            let seen = bone.spread_points(n).into_iter();
+            let seen = seen.filter(|p| is_seen(&(p - bone.centroid())));
+            let points: Vec<Point3<f64>> = seen.map(|p| p + noise(&mut rng)).collect();
+            blurred.alike_points(&pose, SIGMA_MM, &points)
+        };
+        for n in [100, 400, 1500] {
+            let whole = alike(n, &|_| true);
+            assert!(whole.is_some_and(|points| points >= 10.0), "{n}: {whole:?}");
+            let front_cut = alike(n, &|p| p.y > -15.0);
+            assert_eq!(front_cut, None, "{n}: the front is not seen");
+            assert_eq!(alike(n, &|p| p.y > 0.0), None, "{n}: half is seen");
+        }
+        // A quarter is cut away: the covariance has to know that.
+        let most = errors(|p| p.y > -15.0, 400);
+        assert!(
+            (0.6..1.5).contains(&most.normalized),
+            "normalised error squared over 6 is {}",
+            most.normalized
         );
     }
 

@@ -6,8 +6,8 @@
 //!
 //! This is a Gaussian process of covariance a² exp(-|s - s'|² / 2ℓ²) I₃ (Lüthi et al. 2018: Gaussian process morphable models), in the
 //! approximation of Nyström at centres c_k about the bones. s is a place from the centroid of its vertebra along left, anterior and up, mm:
-//! who has long transverse processes has them at every level. a and ℓ are no measurements of a population; larger ones (docs/verdict.md) part
-//! people as well.
+//! who has long transverse processes has them at every level. a and ℓ are no measurements of a population, but part people best
+//! among those that were tried (docs/verdict.md).
 
 use nalgebra::{DMatrix, Point3, Vector3};
 use pedicle_mesh::TriMesh;
