@@ -87,6 +87,7 @@ mod scoring;
 mod search;
 mod search_levels;
 mod search_mix;
+mod search_repair;
 mod seen_bone;
 mod sensor;
 mod shape_basis;

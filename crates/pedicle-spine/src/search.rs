@@ -151,12 +151,18 @@ impl<'a> Search<'a> {
         } else {
             &[]
         };
-        let (best, level_margin, other_levels) =
-            self.with_levels(configurations[0].clone(), finalists);
-        Found {
-            level_margin,
-            other_levels,
-            ..self.mix(best, configurations)
+        let mixed = |start: Configuration| {
+            let (best, level_margin, other_levels) = self.with_levels(start, finalists);
+            Found {
+                level_margin,
+                other_levels,
+                ..self.mix(best, configurations)
+            }
+        };
+        let found = mixed(configurations[0].clone());
+        match self.repaired(&found.configuration) {
+            Some(repaired) => mixed(repaired),
+            None => found,
         }
     }
 

@@ -74,7 +74,7 @@ impl Search<'_> {
     }
 
     /// The score of the run of vertebrae that explains most.
-    fn in_one_run(&self, c: &Configuration) -> f64 {
+    pub(crate) fn in_one_run(&self, c: &Configuration) -> f64 {
         let table = self.table(&c.poses, self.options.truncation_mm);
         let n = self.vertebrae.len();
         let mut most = 0.0;
@@ -91,7 +91,7 @@ impl Search<'_> {
     }
 
     /// Whether a vertebra and the next stand to each other as vertebrae can.
-    fn can_be_neighbours(&self, v: usize, poses: &[Isometry3<f64>]) -> bool {
+    pub(crate) fn can_be_neighbours(&self, v: usize, poses: &[Isometry3<f64>]) -> bool {
         let bones = [v, v + 1].map(|v| self.vertebrae[v].bone.centroid());
         let middle = nalgebra::center(&bones[0], &bones[1]);
         let turn_rad = poses[v].rotation.angle_to(&poses[v + 1].rotation);
