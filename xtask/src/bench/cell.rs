@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use super::beside::BesideCell;
 use super::clinical::{self, ClinicalCell};
+use super::danger;
 use super::score::{ScenarioScore, VertebraScore};
 
 /// A vertebra of which at least this share of the posterior surface is seen must be found.
@@ -41,6 +42,8 @@ pub(super) struct Cell {
     pub(super) tip: Spread,
     /// The screws as clinical studies report them.
     pub(super) clinical: ClinicalCell,
+    /// Of every valid vertebra the probability that a screw breached, the least first.
+    pub(super) breach_probabilities: Vec<f64>,
     /// Only of the suite `sensor`.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     pub(super) seen: Option<Seen>,
@@ -128,6 +131,7 @@ fn summed_up(cell: &SuiteCell, members: &[&ScenarioScore]) -> Cell {
         isthmus: spread(&all, 1),
         tip: spread(&all, 2),
         clinical: clinical::summed_up(&all),
+        breach_probabilities: danger::of_valid(&all),
         seen,
         baselines: Vec::new(),
     }

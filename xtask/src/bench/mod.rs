@@ -5,6 +5,7 @@ mod calibration;
 pub(crate) mod case;
 mod cell;
 mod clinical;
+mod danger;
 mod gates;
 mod limit;
 mod page;

@@ -47,6 +47,8 @@ pub(super) struct VertebraScore {
     pub(super) false_accept: bool,
     /// Error squared over its covariance: 6 on average if the covariance is honest; NaN without one.
     pub(super) normalized_error: f64,
+    /// That any of its screws breaches the cortex, as the method tells; NaN where it tells nothing.
+    pub(super) breach_probability: f64,
     /// Where the final pose came from; none if the scenario was refused.
     pub(super) origin: Option<Origin>,
     pub(super) detail: String,
@@ -231,6 +233,7 @@ pub(super) fn refused(truth: &SuiteTruth, n_planned: usize) -> VertebraScore {
         accepted: false,
         false_accept: false,
         normalized_error: f64::NAN,
+        breach_probability: f64::NAN,
         origin: None,
         detail: String::new(),
     }
@@ -254,6 +257,7 @@ fn judge(
     let pose = &found.target_from_source;
     let mut score = judge_pose(case, simulated, truth, (pose, found.accepted))?;
     score.origin = Some(found.origin);
+    score.breach_probability = breach_probability(level, transfer);
     let evidence = evidence(found, transfer);
     let mut evidence = evidence;
     score.detail = if truth.present {
@@ -276,6 +280,17 @@ fn judge(
         )
     };
     Ok(score)
+}
+
+/// The sum over the screws of a level, which is never less than the probability that any of them breaches.
+fn breach_probability(level: Level, transfer: &Transfer) -> f64 {
+    let of_level = transfer
+        .trajectories
+        .iter()
+        .filter(|t| t.trajectory.level == level);
+    let each = of_level.map(|t| t.uncertainty.map_or(f64::NAN, |u| u.breach_probability));
+    let sum: f64 = each.sum();
+    if sum > 1.0 { 1.0 } else { sum }
 }
 
 /// Compares the pose that a method found for a vertebra, and whether it vouches for it, with the

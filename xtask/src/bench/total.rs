@@ -6,13 +6,14 @@ use clap::Args;
 use comfy_table::presets::UTF8_FULL_CONDENSED;
 use serde::Deserialize;
 
+use super::danger;
 use super::limit::upper_limit;
 use super::report::{new_table, share};
 use crate::{XtaskError, say};
 
 /// Sum up the JSON files of several runs of bench-scenarios: transfers, valid, accepted and false
-/// accepts of every suite, with the upper 95 % confidence limit of the rate of false accepts. Exit code 1
-/// if there is any.
+/// accepts of every suite, with the upper 95 % confidence limit of the rate of false accepts, and how many breaches the probabilities of the least
+/// endangered valid vertebrae add up to: what accepting more would cost. Exit code 1 if there is any false accept.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
     /// What `bench-scenarios --json` wrote. Two runs of the same spine, suite and seed are refused.
@@ -34,7 +35,15 @@ struct SuiteRun {
     spine: String,
     n_spines: usize,
     seed: u64,
-    cells: Vec<Counts>,
+    cells: Vec<RunCell>,
+}
+
+#[derive(Debug, Deserialize)]
+struct RunCell {
+    #[serde(flatten)]
+    counts: Counts,
+    #[serde(default)]
+    breach_probabilities: Vec<f64>,
 }
 
 /// Counts of one cell, or of many.
@@ -130,6 +139,14 @@ impl Arguments {
         let most = by_suite(&runs).iter().map(|s| s.1).max().unwrap_or(0);
         table.add_row(all.row("all", most));
         say(&table.to_string());
+        let cells = runs.iter().flat_map(|run| &run.cells);
+        let probabilities = cells.flat_map(|cell| cell.breach_probabilities.iter().copied());
+        if let Some(table) = danger::table(probabilities.collect()) {
+            say(
+                "\nIf nothing but the probability that a screw breaches the cortex refused anything:",
+            );
+            say(&table);
+        }
         Ok(all.false_accepts == 0)
     }
 }
@@ -152,7 +169,7 @@ fn by_suite(runs: &[SuiteRun]) -> Vec<(String, usize, Counts)> {
     let mut sums: Vec<(String, usize, Counts)> = Vec::new();
     for run in runs {
         let mut counts = Counts::default();
-        run.cells.iter().for_each(|cell| counts.add(cell));
+        run.cells.iter().for_each(|cell| counts.add(&cell.counts));
         match sums.iter_mut().find(|(name, ..)| *name == run.suite) {
             Some((_, n_spines, sum)) => {
                 *n_spines += run.n_spines;
