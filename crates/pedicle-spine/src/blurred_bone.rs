@@ -10,7 +10,8 @@
 //! surface blurred by the noise (the model of EM-ICP: Granger & Pennec 2002).
 //!
 //! The w_j are one weight a region of some centimetres, for a target may show a part of the bone or one part more densely:
-//! each is the share of the points that its region explains over its share of the area.
+//! each is the share of the points that its region explains over its share of the area. Where a target ends within regions, places have the weight of
+//! [`crate::seen_edge`] as well.
 //!
 //! s and x in the source frame, mm.
 
@@ -20,6 +21,7 @@ use nalgebra::{Point3, SVector, Vector3};
 use crate::SpineError;
 use crate::bone::BoneSurface;
 use crate::local_shape::tree_of;
+use crate::seen_edge::SeenEdge;
 
 /// From this noise on points are fitted to the density, mm: below, the closest places tell as much.
 pub(crate) const BLURRED_FROM_MM: f64 = 0.75;
@@ -46,15 +48,16 @@ pub(crate) struct BlurredBone {
     pub(crate) tree: ImmutableKdTree<f64, 3>,
     region: Vec<u32>,
     /// Share of the places in every region.
-    pub(crate) share: Vec<f64>,
+    share: Vec<f64>,
     pub(crate) center: Point3<f64>,
 }
 
-/// The noise and the weights of the regions.
+/// The noise, the weights of the regions, and where what is seen ends, if it does.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Blur {
     pub(crate) sigma_mm: f64,
     pub(crate) weights: Vec<f64>,
+    pub(crate) edge: Option<SeenEdge>,
 }
 
 /// What one point says.
@@ -120,8 +123,7 @@ impl BlurredBone {
         let mut sum = 0.0;
         for item in near {
             let j = item.item;
-            let weight = blur.weights[self.region[j as usize] as usize];
-            let r = weight * (-0.5 * item.distance / variance).exp();
+            let r = self.weight(blur, j as usize) * (-0.5 * item.distance / variance).exp();
             sum += r;
             found.push((j, r));
         }
@@ -178,6 +180,34 @@ impl BlurredBone {
         n_shown
     }
 
+    /// All regions alike, up to an edge.
+    pub(crate) fn even(&self, sigma_mm: f64, edge: Option<SeenEdge>) -> Blur {
+        Blur {
+            sigma_mm,
+            weights: vec![1.0; self.n_regions()],
+            edge,
+        }
+    }
+
+    /// The weight of a place.
+    pub(crate) fn weight(&self, blur: &Blur, place: usize) -> f64 {
+        let seen = blur.edge.as_ref().map_or(1.0, |edge| edge.seen(place));
+        seen * blur.weights[self.region[place] as usize]
+    }
+
+    /// Share of what is seen of the bone in every region.
+    pub(crate) fn shares(&self, blur: &Blur) -> Vec<f64> {
+        let Some(edge) = &blur.edge else {
+            return self.share.clone();
+        };
+        let mut sums = vec![0.0; self.n_regions()];
+        for (place, region) in self.region.iter().enumerate() {
+            sums[*region as usize] += edge.seen(place);
+        }
+        let total: f64 = sums.iter().sum();
+        sums.into_iter().map(|sum| sum / total).collect()
+    }
+
     /// How many regions have a weight.
     pub(crate) fn n_regions(&self) -> usize {
         self.share.len()
@@ -192,14 +222,15 @@ impl BlurredBone {
 
     /// Share of the points that every region shows by the weights.
     pub(crate) fn expected(&self, blur: &Blur) -> Vec<f64> {
-        let parts = || blur.weights.iter().zip(&self.share).map(|(w, s)| w * s);
+        let shares = self.shares(blur);
+        let parts = || blur.weights.iter().zip(&shares).map(|(w, s)| w * s);
         let total: f64 = parts().sum();
         parts().map(|part| part / total).collect()
     }
 
     /// Mean over the density of a number of every place.
     pub(crate) fn mean(&self, blur: &Blur, number: impl Fn(usize) -> f64) -> f64 {
-        let weight = |j: usize| blur.weights[self.region[j] as usize];
+        let weight = |j: usize| self.weight(blur, j);
         let all = 0..self.places.len();
         let total: f64 = all.clone().map(weight).sum();
         all.map(|j| weight(j) * number(j)).sum::<f64>() / total
@@ -212,7 +243,7 @@ impl BlurredBone {
         n: usize,
         mut noise: impl FnMut() -> Vector3<f64>,
     ) -> Vec<Point3<f64>> {
-        let weight = |j: usize| blur.weights[self.region[j] as usize];
+        let weight = |j: usize| self.weight(blur, j);
         let total: f64 = (0..self.places.len()).map(weight).sum();
         let step = total / n.max(1) as f64;
         let (mut behind, mut next) = (0.0, 0.5 * step);

@@ -1,21 +1,22 @@
 //! The pose that makes a target's noisy points likeliest.
 //!
 //! ```text
-//! T, σ, w = argmax Σ_i log p(T⁻¹ y_i)
+//! T, σ, w, b = argmax Σ_i log p(T⁻¹ y_i)
 //! ```
 //!
 //! p is the density of [`crate::blurred_bone`]. Its maximum is found by scoring with the information of the
-//! points themselves, Σ g gᵀ with g = ∂ log p / ∂(T, σ) (Berndt et al. 1974); the inverse of it, the weights among the unknowns, is
+//! points themselves, Σ g gᵀ with g = ∂ log p / ∂(T, σ, b) (Berndt et al. 1974); the inverse of it, the weights among the unknowns, is
 //! the covariance.
 //!
 //! y and T in the target frame, mm and rad.
 
 use nalgebra::{
-    DMatrix, DVector, Isometry3, Matrix6, Point3, SMatrix, Translation3, UnitQuaternion,
+    DMatrix, DVector, Isometry3, Matrix6, Point3, SMatrix, SVector, Translation3, UnitQuaternion,
 };
 use pedicle_registration::{PoseCovariance, pose_error};
 
-use crate::blurred_bone::{Blur, BlurredBone, Free, N_FREE, RIDGE_POINTS};
+use crate::blurred_bone::{Blur, BlurredBone, Free, N_FREE, RIDGE_POINTS, Said};
+use crate::seen_edge::{N_EDGE, OfEdge, RIDGE_OF_EDGE};
 
 /// A weight is worth so many points before any is seen.
 const PRIOR_POINTS: f64 = 2.0;
@@ -39,6 +40,14 @@ const MAX_CHANGE_OF_SIGMA: f64 = 0.2;
 /// A pose farther than this from the start is not the one that the fits before it found, mm and rad.
 const MAX_CHANGE: (f64, f64) = (5.0, 0.3);
 
+/// How often the edge of what is seen is found anew.
+const EDGE_ROUNDS: usize = 2;
+
+/// Unknowns of a step: turn, shift, σ and the edge.
+const N_STEP: usize = N_FREE + N_EDGE;
+/// Derivatives by them.
+type OfStep = SVector<f64, N_STEP>;
+
 /// The likeliest pose.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct BlurredFit {
@@ -57,13 +66,22 @@ impl BlurredBone {
         points: &[Point3<f64>],
         noise_mm: f64,
     ) -> Option<BlurredFit> {
-        let blur = Blur {
-            sigma_mm: noise_mm,
-            weights: vec![1.0; self.n_regions()],
-        };
-        let (mut pose, mut blur) = self.settled(start, (start, blur), points, None)?;
+        let even = self.even(noise_mm, None);
+        let mut found = self.settled(start, (start, even.clone()), points, None);
+        for _ in 0..EDGE_ROUNDS {
+            let (pose, blur) = found.as_ref().map_or((start, &even), |(p, b)| (p, b));
+            let Some(edge) = self.found_edge(pose, blur.sigma_mm, points) else {
+                break;
+            };
+            let begin = (pose, self.even(blur.sigma_mm, Some(edge)));
+            let Some(within_edge) = self.settled(start, begin, points, None) else {
+                break;
+            };
+            found = Some(within_edge);
+        }
+        let (mut pose, mut blur) = found?;
         let mut ridge_points = RIDGE_POINTS;
-        if let Some(alike_points) = self.alike_points(&pose, blur.sigma_mm, points) {
+        if let Some(alike_points) = self.alike_points(&pose, &blur, points) {
             let again = (&pose, blur.clone());
             if let Some(found) = self.settled(start, again, points, Some(alike_points)) {
                 (pose, blur) = found;
@@ -82,13 +100,11 @@ impl BlurredBone {
     fn alike_points(
         &self,
         pose: &Isometry3<f64>,
-        sigma_mm: f64,
+        blur: &Blur,
         points: &[Point3<f64>],
     ) -> Option<f64> {
-        let flat = Blur {
-            sigma_mm,
-            weights: vec![1.0; self.n_regions()],
-        };
+        let flat = self.even(blur.sigma_mm, blur.edge.clone());
+        let shares = self.shares(&flat);
         let inverse = pose.inverse();
         let mut explained = vec![0.0; self.n_regions()];
         let local = points.iter().map(|y| inverse * y);
@@ -96,7 +112,7 @@ impl BlurredBone {
             self.add_regions(said.shown, &mut explained);
         });
         let (mut scatter, mut n_judged) = (0.0, 0);
-        for (explained, share) in explained.iter().zip(&self.share) {
+        for (explained, share) in explained.iter().zip(&shares) {
             let expected = share * n_shown as f64;
             if expected < MIN_EXPECTED {
                 continue;
@@ -129,18 +145,30 @@ impl BlurredBone {
         let mut pose = *pose;
         for k in 0..MAX_STEPS {
             let inverse = pose.inverse();
-            let mut information = SMatrix::<f64, N_FREE, N_FREE>::zeros();
-            let mut score = Free::zeros();
+            let mut information = SMatrix::<f64, N_STEP, N_STEP>::zeros();
+            let mut score = OfStep::zeros();
+            let mean = self.mean_by_edge(&blur);
             let mut explained = vec![0.0; self.n_regions()];
             let n_shown = self.each_said(points.iter().map(|y| inverse * y), &blur, |said| {
                 self.add_regions(said.shown, &mut explained);
-                information.ger(1.0, &said.free, &said.free, 1.0);
-                score += said.free;
+                let all = self.said_of_step(said, &blur, &mean);
+                information.ger(1.0, &all, &all, 1.0);
+                score += all;
             });
+            let moved = blur
+                .edge
+                .as_ref()
+                .map_or(OfEdge::zeros(), |edge| edge.moved);
+            for (k, moved) in (N_FREE..N_STEP).zip(moved.iter()) {
+                information[(k, k)] += RIDGE_OF_EDGE;
+                score[k] -= RIDGE_OF_EDGE * moved;
+            }
             let whole_step = information.cholesky()?.solve(&score);
             // Full steps may go to and fro between two poses.
             let step = whole_step * if k < FULL_STEPS { 1.0 } else { 0.5 };
-            pose *= self.moved_by(&step);
+            pose *= self.moved_by(&step.fixed_rows::<N_FREE>(0).into_owned());
+            let of_edge = step.fixed_rows::<N_EDGE>(N_FREE).into_owned();
+            blur.edge = blur.edge.map(|edge| self.edge_moved(edge, &of_edge));
             let most = MAX_CHANGE_OF_SIGMA * blur.sigma_mm;
             blur.sigma_mm += step[6].clamp(-most, most);
             let changed_points = self.weigh(&mut blur, &explained, (points.len(), alike_points));
@@ -150,12 +178,21 @@ impl BlurredBone {
             if !is_near || (n_shown as f64) < LEAST_SHOWN * points.len() as f64 {
                 return None;
             }
-            let is_settled = score.dot(&whole_step) <= SETTLED * SETTLED * N_FREE as f64;
+            let is_settled = score.dot(&whole_step) <= SETTLED * SETTLED * N_STEP as f64;
             if is_settled && changed_points <= SETTLED_POINTS {
                 return Some((pose, blur));
             }
         }
         None
+    }
+
+    /// What a point says of turn, shift, σ and the edge, given the mean over the density of what places say of it.
+    fn said_of_step(&self, said: &Said<'_>, blur: &Blur, mean: &OfEdge) -> OfStep {
+        let of_edge = self.said_of_edge(blur, said.shown, mean);
+        let mut all = OfStep::zeros();
+        all.fixed_rows_mut::<N_FREE>(0).copy_from(&said.free);
+        all.fixed_rows_mut::<N_EDGE>(N_FREE).copy_from(&of_edge);
+        all
     }
 
     /// A turn about the centroid, then a shift.
@@ -167,7 +204,7 @@ impl BlurredBone {
             * Translation3::from(-self.center.coords)
     }
 
-    /// The inverse information of the points where the weights are unknown as well as pose and σ.
+    /// The inverse information of the points where edge and weights are unknown as well as pose and σ.
     fn covariance(
         &self,
         pose: &Isometry3<f64>,
@@ -176,17 +213,20 @@ impl BlurredBone {
     ) -> Option<PoseCovariance> {
         let inverse = pose.inverse();
         let by_weights = -DVector::from_vec(self.expected(blur));
-        let n = N_FREE + by_weights.len();
+        let n = N_STEP + by_weights.len();
+        let mean = self.mean_by_edge(blur);
         let mut information = DMatrix::<f64>::zeros(n, n);
         let mut g = DVector::<f64>::zeros(n);
         self.each_said(points.iter().map(|y| inverse * y), blur, |said| {
-            g.fixed_rows_mut::<N_FREE>(0).copy_from(&said.free);
-            g.rows_mut(N_FREE, n - N_FREE).copy_from(&by_weights);
-            self.add_regions(said.shown, &mut g.as_mut_slice()[N_FREE..]);
+            let of_step = self.said_of_step(said, blur, &mean);
+            g.fixed_rows_mut::<N_STEP>(0).copy_from(&of_step);
+            g.rows_mut(N_STEP, n - N_STEP).copy_from(&by_weights);
+            self.add_regions(said.shown, &mut g.as_mut_slice()[N_STEP..]);
             information.ger(1.0, &g, &g, 1.0);
         });
-        for r in N_FREE..n {
-            information[(r, r)] += ridge_points;
+        for number in N_FREE..n {
+            let is_edge = number < N_STEP;
+            information[(number, number)] += if is_edge { RIDGE_OF_EDGE } else { ridge_points };
         }
         let of_all = information.cholesky()?.inverse();
         let of_pose: Matrix6<f64> = of_all.fixed_view::<6, 6>(0, 0).into_owned();
@@ -211,8 +251,8 @@ impl BlurredBone {
     ) -> f64 {
         let prior_points = alike_points.unwrap_or(PRIOR_POINTS);
         let mut most = 0.0;
-        for ((weight, explained), share) in blur.weights.iter_mut().zip(explained).zip(&self.share)
-        {
+        let shares = self.shares(blur);
+        for ((weight, explained), share) in blur.weights.iter_mut().zip(explained).zip(&shares) {
             // A region that is not seen stays so, unless all are alike.
             let is_free = alike_points.is_none() && *weight < 1.0;
             let before = if is_free { *weight } else { 1.0 };
@@ -359,7 +399,7 @@ mod tests {
             let seen = bone.spread_points(n).into_iter();
             let seen = seen.filter(|p| is_seen(&(p - bone.centroid())));
             let points: Vec<Point3<f64>> = seen.map(|p| p + noise(&mut rng)).collect();
-            blurred.alike_points(&pose, SIGMA_MM, &points)
+            blurred.alike_points(&pose, &blurred.even(SIGMA_MM, None), &points)
         };
         for n in [100, 400, 1500] {
             let whole = alike(n, &|_| true);

@@ -6,7 +6,7 @@
 //! ```
 //!
 //! p, r and s are those of [`crate::blurred_bone`], the fields φ_k those of [`crate::shape_basis`] along the axes c of the vertebra, d the
-//! regions and [`crate::bends`], by which points may lie more densely. Source frame, mm.
+//! regions and [`crate::bends`], by which points may lie more densely, and the edge of what is seen ([`crate::seen_edge`]). Source frame, mm.
 
 use nalgebra::{DMatrix, Point3};
 use pedicle_trajectory::AnatomicalFrame;
@@ -14,6 +14,7 @@ use pedicle_trajectory::AnatomicalFrame;
 use crate::bends::{N_BENDS, bends};
 use crate::blurred_bone::{Blur, BlurredBone, N_FREE, RIDGE_POINTS};
 use crate::bone::BoneSurface;
+use crate::seen_edge::{N_EDGE, OfEdge, RIDGE_OF_EDGE};
 use crate::shape_basis::{ShapeBasis, along_axes};
 
 /// Information on the weight of a bend that no point tells, points.
@@ -27,6 +28,8 @@ pub(crate) struct Deformable<'a> {
     /// φ, a column a place.
     fields: DMatrix<f64>,
     bends: Vec<[f64; N_BENDS]>,
+    /// Mean over the density of what places say of the edge.
+    by_edge: OfEdge,
     /// Mean of what the weights are of, over the density.
     expected: Vec<f64>,
 }
@@ -46,13 +49,14 @@ impl<'a> Deformable<'a> {
             frame,
             blur,
             bends,
+            by_edge: blurred.mean_by_edge(blur),
             expected,
         }
     }
 
-    /// Numbers of pose, σ and weights, which come first in a column.
+    /// Numbers of pose, σ, the edge and weights, which come first in a column.
     pub(crate) fn n_free(&self) -> usize {
-        N_FREE + self.expected.len()
+        N_FREE + N_EDGE + self.expected.len()
     }
 
     /// Numbers of a deformation, which come last.
@@ -64,12 +68,13 @@ impl<'a> Deformable<'a> {
     pub(crate) fn ridge(&self, number: usize) -> f64 {
         match number {
             0..N_FREE => 0.0,
+            _ if number < N_FREE + N_EDGE => RIDGE_OF_EDGE,
             _ if number < self.n_free() - N_BENDS => RIDGE_POINTS,
             _ => RIDGE_OF_BENDS_POINTS,
         }
     }
 
-    /// A column a point that lies near a place: the derivatives of its log density by pose, σ, weights and deformation.
+    /// A column a point that lies near a place: the derivatives of its log density by pose, σ, the edge, weights and deformation.
     pub(crate) fn said_of(&self, points: impl IntoIterator<Item = Point3<f64>>) -> DMatrix<f64> {
         let n_numbers = self.n_free() + self.n_modes();
         let n_fields = self.fields.nrows();
@@ -80,7 +85,11 @@ impl<'a> Deformable<'a> {
             all.resize(start + n_numbers, 0.0);
             let column = &mut all[start..];
             column[..N_FREE].copy_from_slice(said.free.as_slice());
-            let (weights, modes) = column[N_FREE..].split_at_mut(self.expected.len());
+            let of_edge = self
+                .blurred
+                .said_of_edge(self.blur, said.shown, &self.by_edge);
+            column[N_FREE..N_FREE + N_EDGE].copy_from_slice(of_edge.as_slice());
+            let (weights, modes) = column[N_FREE + N_EDGE..].split_at_mut(self.expected.len());
             for (weight, expected) in weights.iter_mut().zip(&self.expected) {
                 *weight = -expected;
             }

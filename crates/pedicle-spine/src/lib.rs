@@ -89,6 +89,7 @@ mod search_levels;
 mod search_mix;
 mod search_repair;
 mod seen_bone;
+mod seen_edge;
 mod sensor;
 mod shape_basis;
 mod shape_change;

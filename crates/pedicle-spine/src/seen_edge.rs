@@ -1,0 +1,212 @@
+//! The edge of what a target shows of a bone.
+//!
+//! ```text
+//! v_j = 1 / (1 + exp(-(d_j + b · ψ_j) / h)),   ψ_j = [ 1 ; (s_j - c) / l ]
+//! ```
+//!
+//! A target may end anywhere on a bone. Where its density is taken to be the same all over a region that it shows a part of, the bone is drawn towards that part. So
+//! the places s_j have a weight v_j more: d_j is how far a place lies within the edge that the density of the points shows at first, and b, which moves and
+//! tilts this edge, is an unknown beside pose, noise and weights: where the target ends tells nothing of the pose.
+//!
+//! Source frame, mm.
+
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use nalgebra::{Isometry3, Point3, SVector};
+
+use crate::blurred_bone::{Blur, BlurredBone};
+use crate::local_shape::tree_of;
+
+/// Unknowns of an edge: how far it is moved out, and its tilts about the centroid.
+pub(crate) const N_EDGE: usize = 4;
+/// Numbers of an edge, or derivatives by them.
+pub(crate) type OfEdge = SVector<f64, N_EDGE>;
+/// Information on them that no point tells, 1/mm²: of 10 mm.
+pub(crate) const RIDGE_OF_EDGE: f64 = 0.01;
+/// An edge moves so far in a step at most, mm.
+const MAX_MOVED_MM: f64 = 4.0;
+/// Lever of the tilts, l, mm.
+const LEVER_MM: f64 = 20.0;
+/// Half width of an edge, h, mm.
+const SOFT_MM: f64 = 1.5;
+/// The density of points is a mean over this distance, mm: some ten points of a bone that shows a hundred.
+const SMOOTH_MM: f64 = 10.0;
+/// Places farther than this many of it do not count.
+const REACH_IN_SMOOTH: f64 = 2.5;
+/// What has less than this part of the density where the middle point lies is not seen.
+const LEAST_OF_DENSITY: f64 = 0.5;
+/// Places that the density is found at, and the least blur there: they lie some 2 mm apart.
+const N_COARSE: usize = 3000;
+const LEAST_BLUR_MM: f64 = 2.5;
+/// Points show no place farther than this many blurs.
+const REACH_IN_BLUR: f64 = 3.5;
+/// A bone of which so little is not seen has no edge.
+const LEAST_UNSEEN: f64 = 0.05;
+
+/// Where what is seen of a bone ends.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct SeenEdge {
+    /// How far each place lies within it as found at first; below 0 beyond it.
+    inside_mm: Vec<f64>,
+    /// How far it was moved and tilted since, b.
+    pub(crate) moved: OfEdge,
+    /// v, of each place.
+    seen: Vec<f64>,
+}
+
+impl SeenEdge {
+    /// The weight of a place.
+    pub(crate) fn seen(&self, place: usize) -> f64 {
+        self.seen[place]
+    }
+}
+
+impl BlurredBone {
+    /// The edge of what points show of the bone in a pose. None where they show all of it, or nothing.
+    pub(crate) fn found_edge(
+        &self,
+        pose: &Isometry3<f64>,
+        sigma_mm: f64,
+        points: &[Point3<f64>],
+    ) -> Option<SeenEdge> {
+        let stride = self.places.len().div_ceil(N_COARSE).max(1);
+        let coarse: Vec<Point3<f64>> = self.places.iter().step_by(stride).copied().collect();
+        let is_seen = is_seen(&coarse, pose, sigma_mm, points)?;
+        let n_unseen = is_seen.iter().filter(|seen| !**seen).count();
+        if (n_unseen as f64) < LEAST_UNSEEN * coarse.len() as f64 {
+            return None;
+        }
+        let tree = |of: bool| {
+            let chosen = coarse.iter().zip(&is_seen).filter(|(_, seen)| **seen == of);
+            let chosen: Vec<Point3<f64>> = chosen.map(|(place, _)| *place).collect();
+            tree_of(&chosen).ok().filter(|_| !chosen.is_empty())
+        };
+        let (seen, unseen) = (tree(true)?, tree(false)?);
+        let inside_mm = self.places.iter().map(|place| {
+            let row: [f64; 3] = place.coords.into();
+            let distance_mm = |tree: &ImmutableKdTree<f64, 3>| {
+                let nearest = tree.query(&row).nearest_one::<SquaredEuclidean<f64>>();
+                nearest.execute().distance.sqrt()
+            };
+            distance_mm(&unseen) - distance_mm(&seen)
+        });
+        Some(self.edge_at(inside_mm.collect(), OfEdge::zeros()))
+    }
+
+    /// An edge moved on by a step, but not far.
+    pub(crate) fn edge_moved(&self, edge: SeenEdge, step: &OfEdge) -> SeenEdge {
+        let step = step.map(|x| x.clamp(-MAX_MOVED_MM, MAX_MOVED_MM));
+        self.edge_at(edge.inside_mm, edge.moved + step)
+    }
+
+    fn edge_at(&self, inside_mm: Vec<f64>, moved: OfEdge) -> SeenEdge {
+        let seen = |(place, inside_mm): (usize, &f64)| {
+            let within_mm = inside_mm + moved.dot(&self.lever(place));
+            1.0 / (1.0 + (-within_mm / SOFT_MM).exp())
+        };
+        SeenEdge {
+            seen: inside_mm.iter().enumerate().map(seen).collect(),
+            inside_mm,
+            moved,
+        }
+    }
+
+    fn lever(&self, place: usize) -> OfEdge {
+        let from_center = (self.places[place] - self.center) / LEVER_MM;
+        OfEdge::new(1.0, from_center.x, from_center.y, from_center.z)
+    }
+
+    /// ∂ log v / ∂b of a place; 0 without an edge.
+    pub(crate) fn by_edge(&self, blur: &Blur, place: usize) -> OfEdge {
+        blur.edge.as_ref().map_or(OfEdge::zeros(), |edge| {
+            self.lever(place) * ((1.0 - edge.seen[place]) / SOFT_MM)
+        })
+    }
+
+    /// Its mean over the density.
+    pub(crate) fn mean_by_edge(&self, blur: &Blur) -> OfEdge {
+        let (mut sum, mut total) = (OfEdge::zeros(), 0.0);
+        if blur.edge.is_none() {
+            return sum;
+        }
+        for place in 0..self.places.len() {
+            let weight = self.weight(blur, place);
+            sum += self.by_edge(blur, place) * weight;
+            total += weight;
+        }
+        sum / total
+    }
+
+    /// ∂ log p / ∂b of a point that shows some places, given the mean over the density.
+    pub(crate) fn said_of_edge(&self, blur: &Blur, shown: &[(u32, f64)], mean: &OfEdge) -> OfEdge {
+        let mut said = -mean;
+        if blur.edge.is_some() {
+            for &(place, r) in shown {
+                said += self.by_edge(blur, place as usize) * r;
+            }
+        }
+        said
+    }
+}
+
+/// Whether each of some even places is seen, by how densely points lie about it. None if no point lies near any.
+fn is_seen(
+    places: &[Point3<f64>],
+    pose: &Isometry3<f64>,
+    sigma_mm: f64,
+    points: &[Point3<f64>],
+) -> Option<Vec<bool>> {
+    let tree = tree_of(places).ok()?;
+    let blur_mm = if sigma_mm > LEAST_BLUR_MM {
+        sigma_mm
+    } else {
+        LEAST_BLUR_MM
+    };
+    // Kernels of all places within reach, the nearest of them in the order of the places: sums depend on it.
+    let kernels = |at: &Point3<f64>, width_mm: f64, reach: f64| {
+        let row: [f64; 3] = at.coords.into();
+        let within = (reach * width_mm).powi(2);
+        let near = tree
+            .query(&row)
+            .within::<SquaredEuclidean<f64>>(within)
+            .unsorted()
+            .execute();
+        let kernel = |d: f64| (-0.5 * d / (width_mm * width_mm)).exp();
+        let mut found: Vec<(u32, f64)> = near
+            .into_iter()
+            .map(|item| (item.item, kernel(item.distance)))
+            .collect();
+        found.sort_unstable_by_key(|(place, _)| *place);
+        found
+    };
+    let inverse = pose.inverse();
+    let mut shown = vec![0.0; places.len()];
+    for point in points {
+        let near = kernels(&(inverse * point), blur_mm, REACH_IN_BLUR);
+        let total: f64 = near.iter().map(|(_, k)| k).sum();
+        for (place, k) in near {
+            shown[place as usize] += k / total;
+        }
+    }
+    let density: Vec<f64> = places
+        .iter()
+        .map(|place| {
+            let (mut sum, mut total) = (0.0, 0.0);
+            for (near, k) in kernels(place, SMOOTH_MM, REACH_IN_SMOOTH) {
+                sum += k * shown[near as usize];
+                total += k;
+            }
+            sum / total
+        })
+        .collect();
+    // Where the middle point lies.
+    let mut order: Vec<usize> = (0..places.len()).collect();
+    order.sort_by(|&a, &b| density[a].total_cmp(&density[b]));
+    let all: f64 = shown.iter().sum();
+    let mut behind = 0.0;
+    let middle = order.into_iter().find(|&place| {
+        behind += shown[place];
+        behind >= 0.5 * all && behind > 0.0
+    })?;
+    let least = LEAST_OF_DENSITY * density[middle];
+    Some(density.iter().map(|&x| x >= least).collect())
+}
