@@ -40,9 +40,6 @@ const MAX_CHANGE_OF_SIGMA: f64 = 0.2;
 /// A pose farther than this from the start is not the one that the fits before it found, mm and rad.
 const MAX_CHANGE: (f64, f64) = (5.0, 0.3);
 
-/// How often the edge of what is seen is found anew.
-const EDGE_ROUNDS: usize = 2;
-
 /// Unknowns of a step: turn, shift, σ and the edge.
 const N_STEP: usize = N_FREE + N_EDGE;
 /// Derivatives by them.
@@ -66,19 +63,9 @@ impl BlurredBone {
         points: &[Point3<f64>],
         noise_mm: f64,
     ) -> Option<BlurredFit> {
-        let even = self.even(noise_mm, None);
-        let mut found = self.settled(start, (start, even.clone()), points, None);
-        for _ in 0..EDGE_ROUNDS {
-            let (pose, blur) = found.as_ref().map_or((start, &even), |(p, b)| (p, b));
-            let Some(edge) = self.found_edge(pose, blur.sigma_mm, points) else {
-                break;
-            };
-            let begin = (pose, self.even(blur.sigma_mm, Some(edge)));
-            let Some(within_edge) = self.settled(start, begin, points, None) else {
-                break;
-            };
-            found = Some(within_edge);
-        }
+        let edge = self.found_edge(start, noise_mm, points);
+        let begin = (start, self.even(noise_mm, edge));
+        let found = self.settled(start, begin, points, None);
         let (mut pose, mut blur) = found?;
         let mut ridge_points = RIDGE_POINTS;
         if let Some(alike_points) = self.alike_points(&pose, &blur, points) {

@@ -31,12 +31,12 @@ const SOFT_MM: f64 = 1.5;
 /// The density of points is a mean over this distance, mm: some ten points of a bone that shows a hundred.
 const SMOOTH_MM: f64 = 10.0;
 /// Places farther than this many of it do not count.
-const REACH_IN_SMOOTH: f64 = 2.5;
+const REACH_IN_SMOOTH: f64 = 2.0;
 /// What has less than this part of the density where the middle point lies is not seen.
 const LEAST_OF_DENSITY: f64 = 0.5;
-/// Places that the density is found at, and the least blur there: they lie some 2 mm apart.
-const N_COARSE: usize = 3000;
-const LEAST_BLUR_MM: f64 = 2.5;
+/// Places that the density is found at, and the least blur there: they lie some 4 mm apart.
+const N_COARSE: usize = 1000;
+const LEAST_BLUR_MM: f64 = 3.0;
 /// Points show no place farther than this many blurs.
 const REACH_IN_BLUR: f64 = 3.5;
 /// A bone of which so little is not seen has no edge.
