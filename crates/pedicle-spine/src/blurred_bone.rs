@@ -10,8 +10,8 @@
 //! surface blurred by the noise (the model of EM-ICP: Granger & Pennec 2002).
 //!
 //! The w_j are one weight a region of some centimetres, for a target may show a part of the bone or one part more densely:
-//! each is the share of the points that its region explains over its share of the area. Where a target ends within regions, places have the weight of
-//! [`crate::seen_edge`] as well.
+//! each is the share of the points that its region explains over its share of the area. Where a target ends within regions, places have the weight v_j of
+//! [`crate::seen_edge`] as well: w_j is the product then. Their sum is 1.
 //!
 //! s and x in the source frame, mm.
 
@@ -206,6 +206,33 @@ impl BlurredBone {
         }
         let total: f64 = sums.iter().sum();
         sums.into_iter().map(|sum| sum / total).collect()
+    }
+
+    /// Logarithm of the density of all points, up to a constant. A point that lies far from every place counts as if it were just within reach.
+    pub(crate) fn log_likelihood(
+        &self,
+        points: impl IntoIterator<Item = Point3<f64>>,
+        blur: &Blur,
+    ) -> f64 {
+        let variance = blur.sigma_mm * blur.sigma_mm;
+        let within = REACH_IN_SIGMA * REACH_IN_SIGMA * variance;
+        let all: f64 = (0..self.places.len()).map(|j| self.weight(blur, j)).sum();
+        let least = all / self.places.len() as f64 * (-0.5 * REACH_IN_SIGMA * REACH_IN_SIGMA).exp();
+        let of_point = |x: Point3<f64>| {
+            let row: [f64; 3] = x.coords.into();
+            let near = self
+                .tree
+                .query(&row)
+                .within::<SquaredEuclidean<f64>>(within)
+                .unsorted()
+                .execute();
+            let density = near.into_iter().map(|item| {
+                self.weight(blur, item.item as usize) * (-0.5 * item.distance / variance).exp()
+            });
+            (density.sum::<f64>() + least).ln()
+        };
+        let normal = all.ln() + 3.0 * blur.sigma_mm.ln();
+        points.into_iter().map(|x| of_point(x) - normal).sum()
     }
 
     /// How many regions have a weight.

@@ -40,6 +40,11 @@ const MAX_CHANGE_OF_SIGMA: f64 = 0.2;
 /// A pose farther than this from the start is not the one that the fits before it found, mm and rad.
 const MAX_CHANGE: (f64, f64) = (5.0, 0.3);
 
+/// An edge of what is seen makes the points likelier by this at least, as a logarithm: it has four numbers, and a course that is chosen.
+const LEAST_GAIN_OF_EDGE: f64 = 2.0;
+/// Fewer regions than this above one do not tell whether all are alike.
+const LEAST_FREEDOM: f64 = 5.0;
+
 /// Unknowns of a step: turn, shift, σ and the edge.
 const N_STEP: usize = N_FREE + N_EDGE;
 /// Derivatives by them.
@@ -63,10 +68,7 @@ impl BlurredBone {
         points: &[Point3<f64>],
         noise_mm: f64,
     ) -> Option<BlurredFit> {
-        let edge = self.found_edge(start, noise_mm, points);
-        let begin = (start, self.even(noise_mm, edge));
-        let found = self.settled(start, begin, points, None);
-        let (mut pose, mut blur) = found?;
+        let (mut pose, mut blur) = self.fit_to_what_is_seen(start, points, noise_mm)?;
         let mut ridge_points = RIDGE_POINTS;
         if let Some(alike_points) = self.alike_points(&pose, &blur, points) {
             let again = (&pose, blur.clone());
@@ -80,6 +82,34 @@ impl BlurredBone {
             covariance: self.covariance(&pose, (&blur, ridge_points), points)?,
             blur,
         })
+    }
+
+    /// The likeliest pose where all weights are free: with an edge of what is seen, if there is one and it makes the points likelier by far.
+    fn fit_to_what_is_seen(
+        &self,
+        start: &Isometry3<f64>,
+        points: &[Point3<f64>],
+        noise_mm: f64,
+    ) -> Option<(Isometry3<f64>, Blur)> {
+        let settled = |edge| self.settled(start, (start, self.even(noise_mm, edge)), points, None);
+        let Some(edge) = self.found_edge(start, noise_mm, points) else {
+            return settled(None);
+        };
+        match (settled(None), settled(Some(edge))) {
+            (Some(without), Some(with)) => {
+                let likely = |(pose, blur): &(Isometry3<f64>, Blur)| {
+                    let inverse = pose.inverse();
+                    self.log_likelihood(points.iter().map(|y| inverse * y), blur)
+                };
+                let gain = likely(&with) - likely(&without);
+                Some(if gain > LEAST_GAIN_OF_EDGE {
+                    with
+                } else {
+                    without
+                })
+            }
+            (without, with) => without.or(with),
+        }
     }
 
     /// How many points a weight is worth before any is seen where all are alike: where no region shows far fewer points than its share of the
@@ -111,7 +141,7 @@ impl BlurredBone {
             n_judged += 1;
         }
         let freedom = f64::from(n_judged) - 1.0;
-        if freedom < 1.0 || scatter > freedom + 2.0 * (2.0 * freedom).sqrt() {
+        if freedom < LEAST_FREEDOM || scatter > freedom + 2.0 * (2.0 * freedom).sqrt() {
             return None;
         }
         let more = scatter / freedom - 1.0;
@@ -165,7 +195,8 @@ impl BlurredBone {
             if !is_near || (n_shown as f64) < LEAST_SHOWN * points.len() as f64 {
                 return None;
             }
-            let is_settled = score.dot(&whole_step) <= SETTLED * SETTLED * N_STEP as f64;
+            let n_free = if blur.edge.is_some() { N_STEP } else { N_FREE };
+            let is_settled = score.dot(&whole_step) <= SETTLED * SETTLED * n_free as f64;
             if is_settled && changed_points <= SETTLED_POINTS {
                 return Some((pose, blur));
             }
@@ -368,6 +399,24 @@ mod tests {
             back.likeliest,
             back.closest
         );
+    }
+
+    #[test]
+    fn where_a_target_ends_hardly_draws_the_pose() {
+        for cut_mm in [6.0, 15.0] {
+            let found = errors(|p| p.y > -cut_mm, 400);
+            assert!(
+                (0.6..1.35).contains(&found.normalized),
+                "normalised error squared over 6 is {} at {cut_mm} mm",
+                found.normalized
+            );
+            assert!(
+                found.likeliest.0 < found.closest.0 && found.likeliest.1 < 0.9 * found.closest.1,
+                "{:?} against {:?} at {cut_mm} mm",
+                found.likeliest,
+                found.closest
+            );
+        }
     }
 
     #[test]

@@ -23,8 +23,6 @@ pub struct LoneDoubtOptions {
     pub max_deviation_ratio: f64,
     /// Largest distance of its points from its surface over what the sensor's noise allows. Default 1.25.
     pub max_noise_ratio: f64,
-    /// Largest share of points behind the bone over its limit. Default 1.5.
-    pub max_behind_ratio: f64,
     /// Least share by which the next best pose is worse over the one asked for. Default 0.55: 8 %, as is asked for without a camera.
     pub min_margin_ratio: f64,
 }
@@ -35,7 +33,6 @@ impl Default for LoneDoubtOptions {
             min_sure: 3,
             max_deviation_ratio: 1.2,
             max_noise_ratio: 1.25,
-            max_behind_ratio: 1.5,
             min_margin_ratio: 0.55,
         }
     }
@@ -46,7 +43,6 @@ impl Default for LoneDoubtOptions {
 enum Kind {
     Precision,
     Sensor,
-    Behind,
     Rival,
 }
 
@@ -64,9 +60,6 @@ fn small_doubt(reason: &Rejection, options: &LoneDoubtOptions) -> Option<Kind> {
         Rejection::NoisierThanSensor {
             noise_mm, max_mm, ..
         } => (Kind::Sensor, noise_mm <= options.max_noise_ratio * max_mm),
-        Rejection::BehindBone { share, max } => {
-            (Kind::Behind, share <= options.max_behind_ratio * max)
-        }
         Rejection::Ambiguous { margin, min } => {
             (Kind::Rival, margin >= options.min_margin_ratio * min)
         }
@@ -100,11 +93,6 @@ pub(crate) fn in_words(doubt: &Rejection) -> String {
         } => {
             format!("its points lie {noise_mm:.2} mm off its surface (limit {max_mm:.2} mm)")
         }
-        Rejection::BehindBone { share, max } => format!(
-            "{:.1} % of the points on it lie behind it (limit {:.1} %)",
-            100.0 * share,
-            100.0 * max
-        ),
         Rejection::Ambiguous { margin, min } => format!(
             "the next best pose is {:.1} % worse (limit {:.1} %)",
             100.0 * margin,
@@ -248,7 +236,6 @@ mod tests {
     fn a_small_doubt_is_outweighed_and_a_large_one_or_a_nan_is_not() {
         for (small, large) in [
             (position(0.47), position(0.49)),
-            (behind(0.037), behind(0.038)),
             (rival(0.083), rival(0.082)),
             (noisier(0.62), noisier(0.63)),
         ] {
@@ -256,12 +243,7 @@ mod tests {
             assert!(!is_outweighed(std::slice::from_ref(&large)), "{large}");
         }
         let unknown = f64::NAN;
-        for reason in [
-            position(unknown),
-            behind(unknown),
-            rival(unknown),
-            noisier(unknown),
-        ] {
+        for reason in [position(unknown), rival(unknown), noisier(unknown)] {
             assert!(!is_outweighed(&[reason]));
         }
     }
@@ -273,9 +255,9 @@ mod tests {
             max_rad: 0.0195,
         };
         assert!(is_outweighed(&[position(0.45), turned.clone()]));
-        assert!(!is_outweighed(&[position(0.45), behind(0.03)]));
+        assert!(!is_outweighed(&[position(0.45), rival(0.1)]));
         assert!(!is_outweighed(&[turned, rival(0.1)]));
-        assert!(!is_outweighed(&[behind(0.03), behind(0.3)]));
+        assert!(!is_outweighed(&[rival(0.1), rival(0.01)]));
         assert!(!is_outweighed(&[]));
     }
 
@@ -302,11 +284,8 @@ mod tests {
 
     #[test]
     fn doubts_in_words_ask_for_nothing() {
-        let words = in_words(&behind(0.027));
-        assert_eq!(
-            words,
-            "2.7 % of the points on it lie behind it (limit 2.5 %)"
-        );
+        let words = in_words(&rival(0.1));
+        assert_eq!(words, "the next best pose is 10.0 % worse (limit 15.0 %)");
         for doubt in [position(0.42), rival(0.14), noisier(0.55)] {
             let words = in_words(&doubt);
             assert!(words.contains("limit") && !words.contains('?'), "{words}");
@@ -324,6 +303,7 @@ mod tests {
             min: 0.15,
         };
         assert!(!is_outweighed(&[breach]));
+        assert!(!is_outweighed(&[behind(0.0251)]));
         assert!(!is_outweighed(&[levels]));
     }
 }

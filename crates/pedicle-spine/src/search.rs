@@ -151,18 +151,26 @@ impl<'a> Search<'a> {
         } else {
             &[]
         };
-        let mixed = |start: Configuration| {
+        let mixed = |start: Configuration, all: &[Configuration]| {
             let (best, level_margin, other_levels) = self.with_levels(start, finalists);
             Found {
                 level_margin,
                 other_levels,
-                ..self.mix(best, configurations)
+                ..self.mix(best, all)
             }
         };
-        let found = mixed(configurations[0].clone());
-        match self.repaired(&found.configuration) {
-            Some(repaired) => mixed(repaired),
-            None => found,
+        let found = mixed(configurations[0].clone(), configurations);
+        let Some(repaired) = self.repaired(&found.configuration) else {
+            return found;
+        };
+        // What was broken is a rival of what comes after it.
+        let mut all = configurations.to_vec();
+        all.push(found.configuration.clone());
+        let again = mixed(repaired, &all);
+        if again.configuration.score > found.configuration.score {
+            again
+        } else {
+            found
         }
     }
 

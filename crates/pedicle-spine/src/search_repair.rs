@@ -14,8 +14,8 @@ use crate::hypotheses::{Configuration, Origin};
 use crate::search::Search;
 
 impl Search<'_> {
-    /// A configuration that explains more than one in which some neighbours stand to each other as no vertebrae can. None if all of them can, and
-    /// if nothing explains more.
+    /// A configuration that explains more, in all and by its best run of neighbours, than one in which some neighbours stand to each other as no vertebrae
+    /// can. None if all of them can, and if nothing explains more: a spine may be torn apart.
     pub(crate) fn repaired(&self, broken: &Configuration) -> Option<Configuration> {
         let n = self.vertebrae.len();
         if (1..n).all(|v| self.can_be_neighbours(v - 1, &broken.poses)) {
@@ -33,9 +33,10 @@ impl Search<'_> {
             .collect();
         believed.sort_by(|a, b| b.1.total_cmp(&a.1));
         let least = self.in_one_run(broken);
-        let (best, _) = believed
-            .into_iter()
-            .find(|(_, explained)| *explained > least)?;
+        let is_better = |(spine, explained): &(Configuration, f64)| {
+            *explained > least && spine.score > broken.score
+        };
+        let (best, _) = believed.into_iter().find(is_better)?;
         Some(best)
     }
 }

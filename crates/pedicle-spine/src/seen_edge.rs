@@ -5,8 +5,8 @@
 //! ```
 //!
 //! A target may end anywhere on a bone. Where its density is taken to be the same all over a region that it shows a part of, the bone is drawn towards that part. So
-//! the places s_j have a weight v_j more: d_j is how far a place lies within the edge that the density of the points shows at first, and b, which moves and
-//! tilts this edge, is an unknown beside pose, noise and weights: where the target ends tells nothing of the pose.
+//! the places s_j have a weight v_j more: d_j is half of how much farther the nearest place that is not seen is than the nearest that is, as the density of the points shows at first, and b, which moves and
+//! tilts this edge, is an unknown beside pose, noise and weights: how far the target goes tells nothing of the pose, only the course of its end does.
 //!
 //! Source frame, mm.
 
@@ -22,30 +22,32 @@ pub(crate) const N_EDGE: usize = 4;
 pub(crate) type OfEdge = SVector<f64, N_EDGE>;
 /// Information on them that no point tells, 1/mm²: of 10 mm.
 pub(crate) const RIDGE_OF_EDGE: f64 = 0.01;
-/// An edge moves so far in a step at most, mm.
+/// Each number of an edge changes by this in a step at most, mm.
 const MAX_MOVED_MM: f64 = 4.0;
 /// Lever of the tilts, l, mm.
 const LEVER_MM: f64 = 20.0;
-/// Half width of an edge, h, mm.
+/// How fast the weight falls at an edge, h, mm.
 const SOFT_MM: f64 = 1.5;
 /// The density of points is a mean over this distance, mm: some ten points of a bone that shows a hundred.
 const SMOOTH_MM: f64 = 10.0;
 /// Places farther than this many of it do not count.
 const REACH_IN_SMOOTH: f64 = 2.0;
-/// What has less than this part of the density where the middle point lies is not seen.
-const LEAST_OF_DENSITY: f64 = 0.5;
+/// What has less than this part of the density where the middle point lies is not seen: points may lie three times as densely on one side as on another.
+const LEAST_OF_DENSITY: f64 = 0.35;
 /// Places that the density is found at, and the least blur there: they lie some 4 mm apart.
 const N_COARSE: usize = 1000;
 const LEAST_BLUR_MM: f64 = 3.0;
 /// Points show no place farther than this many blurs.
 const REACH_IN_BLUR: f64 = 3.5;
-/// A bone of which so little is not seen has no edge.
+/// A bone of which so little is not seen has no edge,
 const LEAST_UNSEEN: f64 = 0.05;
+/// nor one whose unseen part would show so few points if it were seen: chance leaves such holes.
+const LEAST_POINTS_UNSEEN: f64 = 40.0;
 
 /// Where what is seen of a bone ends.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct SeenEdge {
-    /// How far each place lies within it as found at first; below 0 beyond it.
+    /// How far each place lies within it as found at first, d; below 0 beyond it.
     inside_mm: Vec<f64>,
     /// How far it was moved and tilted since, b.
     pub(crate) moved: OfEdge,
@@ -72,7 +74,9 @@ impl BlurredBone {
         let coarse: Vec<Point3<f64>> = self.places.iter().step_by(stride).copied().collect();
         let is_seen = is_seen(&coarse, pose, sigma_mm, points)?;
         let n_unseen = is_seen.iter().filter(|seen| !**seen).count();
-        if (n_unseen as f64) < LEAST_UNSEEN * coarse.len() as f64 {
+        let unseen = n_unseen as f64 / coarse.len() as f64;
+        let n_points_unseen = points.len() as f64 * unseen / (1.0 - unseen);
+        if unseen < LEAST_UNSEEN || n_points_unseen < LEAST_POINTS_UNSEEN {
             return None;
         }
         let tree = |of: bool| {
@@ -87,7 +91,7 @@ impl BlurredBone {
                 let nearest = tree.query(&row).nearest_one::<SquaredEuclidean<f64>>();
                 nearest.execute().distance.sqrt()
             };
-            distance_mm(&unseen) - distance_mm(&seen)
+            0.5 * (distance_mm(&unseen) - distance_mm(&seen))
         });
         Some(self.edge_at(inside_mm.collect(), OfEdge::zeros()))
     }
@@ -209,4 +213,85 @@ fn is_seen(
     })?;
     let least = LEAST_OF_DENSITY * density[middle];
     Some(density.iter().map(|&x| x >= least).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bone::BoneSurface;
+    use nalgebra::Vector3;
+    use pedicle_simulation::{MeshingOptions, PhantomParameters, generate_phantom};
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    const SIGMA_MM: f64 = 2.0;
+
+    fn bone() -> (BlurredBone, BoneSurface) {
+        let phantom =
+            generate_phantom(&PhantomParameters::default(), &MeshingOptions::default()).unwrap();
+        let mesh = &phantom.vertebrae[2].mesh;
+        let bone = BoneSurface::new(mesh).unwrap();
+        let blurred = BlurredBone::new(&bone, mesh.area(), SIGMA_MM).unwrap();
+        (blurred, bone)
+    }
+
+    /// Noisy points of what lies behind a plane so far in front of the centroid.
+    fn behind(bone: &BoneSurface, pose: &Isometry3<f64>, cut_mm: f64) -> Vec<Point3<f64>> {
+        let mut rng = ChaCha8Rng::seed_from_u64(23);
+        let places = bone.spread_points(400).into_iter();
+        let seen = places.filter(|p| p.y - bone.centroid().y > -cut_mm);
+        let noisy = seen.map(|p| {
+            let noise = Vector3::from_fn(|_, _| -> f64 { StandardNormal.sample(&mut rng) });
+            pose * (p + noise * SIGMA_MM)
+        });
+        noisy.collect()
+    }
+
+    #[test]
+    fn a_bone_that_is_seen_whole_has_no_edge_and_others_end_where_they_were_cut() {
+        let (blurred, bone) = bone();
+        let pose = Isometry3::new(Vector3::new(4.0, 60.0, -9.0), Vector3::new(0.2, -0.4, 0.3));
+        let found = |cut_mm| blurred.found_edge(&pose, SIGMA_MM, &behind(&bone, &pose, cut_mm));
+        assert_eq!(found(1000.0), None, "all of it is seen");
+        for cut_mm in [-5.0, 5.0, 15.0] {
+            let edge = found(cut_mm).unwrap();
+            let is_right = |(place, p): (usize, &Point3<f64>)| {
+                let is_seen = p.y - bone.centroid().y > -cut_mm;
+                is_seen == (edge.seen(place) > 0.5)
+            };
+            let n_right = (blurred.places.iter().enumerate()).filter(|p| is_right(*p));
+            let share = n_right.count() as f64 / blurred.places.len() as f64;
+            assert!(share > 0.88, "{share} of the places at {cut_mm} mm");
+        }
+        assert_eq!(blurred.found_edge(&pose, SIGMA_MM, &[]), None, "no points");
+    }
+
+    #[test]
+    fn derivatives_are_those_of_the_weights() {
+        let (blurred, bone) = bone();
+        let pose = Isometry3::identity();
+        let points = behind(&bone, &pose, 5.0);
+        let edge = blurred.found_edge(&pose, SIGMA_MM, &points).unwrap();
+        let step = OfEdge::new(0.01, -0.02, 0.015, 0.01);
+        let moved = blurred.edge_moved(edge.clone(), &step);
+        let blur = blurred.even(SIGMA_MM, Some(edge.clone()));
+        let (mut near, mut total) = (0, [0.0; 2]);
+        for place in 0..blurred.places.len() {
+            total[0] += edge.seen(place);
+            total[1] += moved.seen(place);
+            if (0.01..0.99).contains(&edge.seen(place)) {
+                let change = (moved.seen(place) / edge.seen(place)).ln();
+                let told = blurred.by_edge(&blur, place).dot(&step);
+                assert!((change - told).abs() < 1e-3, "{change} and {told}");
+                near += 1;
+            }
+        }
+        assert!(near > 20, "{near} places at the edge");
+        let change = (total[1] / total[0]).ln();
+        let told = blurred.mean_by_edge(&blur).dot(&step);
+        assert!((change - told).abs() < 1e-4, "{change} and {told} of all");
+        let far = blurred.edge_moved(edge, &OfEdge::repeat(1e3));
+        assert_eq!(far.moved, OfEdge::repeat(MAX_MOVED_MM));
+    }
 }

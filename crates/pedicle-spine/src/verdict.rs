@@ -123,13 +123,8 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
             None => demand(false, Rejection::TooSparse),
         }
         if let Some(share) = evidence.behind_share {
-            demand(
-                share <= options.max_behind_share,
-                Rejection::BehindBone {
-                    share,
-                    max: options.max_behind_share,
-                },
-            );
+            let max = max_behind_share(evidence.bare_area_mm2, options);
+            demand(share <= max, Rejection::BehindBone { share, max });
         }
     }
     let misfit = evidence.misfit;
@@ -176,6 +171,17 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
         );
     }
     found
+}
+
+/// The less bone was seen, the less of what was measured may lie behind it: half as much on the first area as on the second and more, mm².
+const BEHIND_BY_AREA_MM2: [f64; 2] = [400.0, 1200.0];
+
+/// Largest share of the points behind a bone of which so much was seen bare.
+fn max_behind_share(bare_area_mm2: Option<f64>, options: &VerdictOptions) -> f64 {
+    let [little, much] = BEHIND_BY_AREA_MM2;
+    let of_area = |area_mm2: f64| ((area_mm2 - little) / (much - little)).clamp(0.0, 1.0);
+    let share = bare_area_mm2.map_or(0.0, of_area);
+    options.max_behind_share * 0.5 * (1.0 + share)
 }
 
 #[cfg(test)]
@@ -252,6 +258,38 @@ mod tests {
         assert!(
             words.contains("at most 1.10 mm") && words.contains("4 pixels"),
             "{words}"
+        );
+    }
+
+    #[test]
+    fn the_less_bone_is_bare_the_less_may_lie_behind_it() {
+        let options = VerdictOptions::default();
+        for (area_mm2, most) in [
+            (400.0, 0.0125),
+            (800.0, 0.01875),
+            (1200.0, 0.025),
+            (2000.0, 0.025),
+        ] {
+            let judged = |share: f64| {
+                let seen = Evidence {
+                    is_from_camera: true,
+                    bare_area_mm2: Some(area_mm2),
+                    behind_share: Some(share),
+                    ..good()
+                };
+                rejections(&seen, &options)
+            };
+            assert_eq!(judged(most - 1e-6), vec![]);
+            let words = judged(most + 1e-6);
+            assert!(
+                matches!(words[..], [Rejection::BehindBone { .. }]),
+                "{words:?}"
+            );
+        }
+        assert_eq!(
+            max_behind_share(None, &options),
+            0.0125,
+            "nothing is known to be bare"
         );
     }
 

@@ -282,12 +282,15 @@ fn judge(
     Ok(score)
 }
 
-/// The sum over the screws of a level, which is never less than the probability that any of them breaches.
+/// The sum over the screws of a level, which is never less than the probability that any of them breaches; NaN without one.
 fn breach_probability(level: Level, transfer: &Transfer) -> f64 {
     let of_level = transfer
         .trajectories
         .iter()
         .filter(|t| t.trajectory.level == level);
+    if of_level.clone().next().is_none() {
+        return f64::NAN;
+    }
     let each = of_level.map(|t| t.uncertainty.map_or(f64::NAN, |u| u.breach_probability));
     let sum: f64 = each.sum();
     if sum > 1.0 { 1.0 } else { sum }

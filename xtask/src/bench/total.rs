@@ -140,11 +140,13 @@ impl Arguments {
         table.add_row(all.row("all", most));
         say(&table.to_string());
         let cells = runs.iter().flat_map(|run| &run.cells);
-        let probabilities = cells.flat_map(|cell| cell.breach_probabilities.iter().copied());
-        if let Some(table) = danger::table(probabilities.collect()) {
-            say(
-                "\nIf nothing but the probability that a screw breaches the cortex refused anything:",
-            );
+        let each = cells.flat_map(|cell| cell.breach_probabilities.iter().copied());
+        let probabilities: Vec<f64> = each.collect();
+        let (n_told, n_valid) = (probabilities.len(), all.valid_vertebrae);
+        if let Some(table) = danger::table(probabilities) {
+            say(&format!(
+                "\nIf nothing but the probability that a screw breaches the cortex refused anything ({n_told} of {n_valid} valid vertebrae have one):"
+            ));
             say(&table);
         }
         Ok(all.false_accepts == 0)
