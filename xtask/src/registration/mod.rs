@@ -15,7 +15,7 @@ use std::time::Instant;
 use clap::Args;
 use nalgebra::{Isometry3, Matrix4, Rotation3, Translation3, UnitQuaternion};
 use pedicle_simulation::{Suite, SuiteTarget, TargetSurface, suite_scenarios};
-use pedicle_spine::{SpineModel, Target, TransferOptions, transfer};
+use pedicle_spine::{SensorView, SpineModel, Target, TransferOptions, transfer};
 use pedicle_trajectory::SafetyMargins;
 use serde::{Deserialize, Serialize};
 
@@ -180,6 +180,12 @@ fn transferred(case: &Case, model: &SpineModel, targets: &[SuiteTarget]) -> Vec<
         let target = match simulated.surface.clone() {
             TargetSurface::Mesh(mesh) => Target::mesh(mesh, landmarks),
             TargetSurface::Cloud(points) => Target::cloud(points, landmarks),
+        };
+        let target = match &simulated.view {
+            Some(view) => target.seen_from(SensorView {
+                camera_mm: view.camera_mm,
+            }),
+            None => target,
         };
         let clock = Instant::now();
         let result = transfer(model, &case.plan, &target, &TransferOptions::default());

@@ -70,8 +70,8 @@ pub(super) fn markdown(
          scenario shows: of the whole spine, or, one vertebra at a time, the points within reach of \
          where the fit of the landmarks puts it. `pedicle-registration` and `small_gicp` start from \
          that fit, which is off by tens of degrees about the line of the landmarks; Open3D and \
-         KISS-Matcher look for their own start. `transfer` is given the whole target and the \
-         landmarks. Open3D: FPFH and RANSAC (100 000 trials) on voxels of 4 mm (spine) or 2 mm \
+         KISS-Matcher look for their own start. `transfer` is given the whole target, the \
+         landmarks and, of a sensor, the place of its camera. Open3D: FPFH and RANSAC (100 000 trials) on voxels of 4 mm (spine) or 2 mm \
          (vertebra), then point-to-plane ICP with gates of 10 and 5 mm. KISS-Matcher: voxels half as \
          large again, both clouds moved to their middles and scaled to centimetres, then GICP from its \
          pose. GICP: gates of 20, 10 and 5 mm. `pedicle-registration`: point-to-surface with a \
