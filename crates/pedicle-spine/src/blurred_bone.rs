@@ -107,26 +107,28 @@ impl BlurredBone {
         })
     }
 
+    /// The places within reach of a point, each with its weight times what the noise makes of its distance.
+    fn kernels(&self, x: &Point3<f64>, blur: &Blur) -> impl Iterator<Item = (u32, f64)> {
+        let row: [f64; 3] = x.coords.into();
+        let variance = blur.sigma_mm * blur.sigma_mm;
+        let near = self
+            .tree
+            .query(&row)
+            .within::<SquaredEuclidean<f64>>(REACH_IN_SIGMA * REACH_IN_SIGMA * variance)
+            .unsorted()
+            .execute();
+        near.into_iter().map(move |item| {
+            let kernel = (-0.5 * item.distance / variance).exp();
+            (item.item, self.weight(blur, item.item as usize) * kernel)
+        })
+    }
+
     /// How probably each place near a point is the one it shows: places and probabilities whose sum is 1, or none if
     /// all lie too far.
     fn shown_by(&self, x: &Point3<f64>, blur: &Blur, found: &mut Vec<(u32, f64)>) {
         found.clear();
-        let row: [f64; 3] = x.coords.into();
-        let variance = blur.sigma_mm * blur.sigma_mm;
-        let within = REACH_IN_SIGMA * REACH_IN_SIGMA * variance;
-        let near = self
-            .tree
-            .query(&row)
-            .within::<SquaredEuclidean<f64>>(within)
-            .unsorted()
-            .execute();
-        let mut sum = 0.0;
-        for item in near {
-            let j = item.item;
-            let r = self.weight(blur, j as usize) * (-0.5 * item.distance / variance).exp();
-            sum += r;
-            found.push((j, r));
-        }
+        found.extend(self.kernels(x, blur));
+        let sum: f64 = found.iter().map(|(_, r)| r).sum();
         if sum > 0.0 {
             found.iter_mut().for_each(|(_, r)| *r /= sum);
         } else {
@@ -214,22 +216,11 @@ impl BlurredBone {
         points: impl IntoIterator<Item = Point3<f64>>,
         blur: &Blur,
     ) -> f64 {
-        let variance = blur.sigma_mm * blur.sigma_mm;
-        let within = REACH_IN_SIGMA * REACH_IN_SIGMA * variance;
         let all: f64 = (0..self.places.len()).map(|j| self.weight(blur, j)).sum();
         let least = all / self.places.len() as f64 * (-0.5 * REACH_IN_SIGMA * REACH_IN_SIGMA).exp();
         let of_point = |x: Point3<f64>| {
-            let row: [f64; 3] = x.coords.into();
-            let near = self
-                .tree
-                .query(&row)
-                .within::<SquaredEuclidean<f64>>(within)
-                .unsorted()
-                .execute();
-            let density = near.into_iter().map(|item| {
-                self.weight(blur, item.item as usize) * (-0.5 * item.distance / variance).exp()
-            });
-            (density.sum::<f64>() + least).ln()
+            let density: f64 = self.kernels(&x, blur).map(|(_, r)| r).sum();
+            (density + least).ln()
         };
         let normal = all.ln() + 3.0 * blur.sigma_mm.ln();
         points.into_iter().map(|x| of_point(x) - normal).sum()

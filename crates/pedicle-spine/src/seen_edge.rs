@@ -291,6 +291,21 @@ mod tests {
         let change = (total[1] / total[0]).ln();
         let told = blurred.mean_by_edge(&blur).dot(&step);
         assert!((change - told).abs() < 1e-4, "{change} and {told} of all");
+        // What all points say of the edge is how their likelihood changes with it.
+        let changed = blurred.even(SIGMA_MM, Some(moved));
+        let likely = |blur: &Blur| blurred.log_likelihood(points.iter().copied(), blur);
+        let change = likely(&changed) - likely(&blur);
+        let mean = blurred.mean_by_edge(&blur);
+        let mut said = OfEdge::zeros();
+        blurred.each_said(points.iter().copied(), &blur, |one| {
+            said += blurred.said_of_edge(&blur, one.shown, &mean);
+        });
+        let told = said.dot(&step);
+        assert!(told.abs() > 0.01, "{told} says nothing");
+        assert!(
+            (change - told).abs() < 0.05 * told.abs(),
+            "{change} and {told} of points"
+        );
         let far = blurred.edge_moved(edge, &OfEdge::repeat(1e3));
         assert_eq!(far.moved, OfEdge::repeat(MAX_MOVED_MM));
     }
