@@ -1,8 +1,9 @@
 //! A bone as noise shows it: the density of noisy points.
 //!
 //! ```text
-//! p(x) = Σ_j w_j N(x; s_j, σ² I)
-//! ∇ log p(x) = (m(x) - x) / σ²,   m(x) = Σ_j r_j(x) s_j,   r_j(x) ∝ w_j N(x; s_j, σ² I)
+//! p(x, n) = Σ_j w_j f(n · n_j) N(x; s_j, σ² I)
+//! ∇ log p(x) = (m(x) - x) / σ²,   m(x) = Σ_j r_j(x) s_j,   r_j(x) ∝ w_j f(n · n_j) N(x; s_j, σ² I)
+//! f(c) = 2 (ε a + (1 - ε) (1 - a)),   a = 1 / (1 + exp(c / τ))
 //! ```
 //!
 //! s_j lie evenly over the bone's surface. Where noise is as large as the detail of the bone, the place closest to a point
@@ -13,15 +14,23 @@
 //! each is the share of the points that its region explains over its share of the area. Where a target ends within regions, places have the weight v_j of
 //! [`crate::seen_edge`] as well: w_j is the product then. Their sum is 1.
 //!
+//! A mesh tells where its surface faces at a point ([`crate::facing`]): that tells the two sides of a thin bone apart. f asks for the side alone, because normals of noisy
+//! faces are rough. ε is the share of points that face away from the bone; it is found as well, for faces may be turned inside out: near 1/2 normals tell nothing. Of a cloud f is 1.
+//!
 //! s and x in the source frame, mm.
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::{Point3, SVector, Vector3};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
 
 use crate::SpineError;
 use crate::bone::BoneSurface;
+use crate::facing::FacingPoint;
 use crate::local_shape::tree_of;
 use crate::seen_edge::SeenEdge;
+use pedicle_registration::ReferenceSurface;
 
 /// From this noise on points are fitted to the density, mm: below, the closest places tell as much.
 pub(crate) const BLURRED_FROM_MM: f64 = 0.75;
@@ -32,6 +41,8 @@ const SPACING_IN_SIGMA: f64 = 1.0;
 const N_PLACES: (usize, usize) = (2000, 30_000);
 /// Places farther from a point than this many σ do not count.
 const REACH_IN_SIGMA: f64 = 3.5;
+/// Normals at right angles are told apart from this cosine on, τ.
+const SOFT_SIDE: f64 = 0.1;
 /// Edges of the regions with one weight, mm.
 const REGION_MM: f64 = 25.0;
 /// Information on the logarithm of a weight that no point tells, points.
@@ -45,6 +56,7 @@ pub(crate) type Free = SVector<f64, N_FREE>;
 /// The places of a bone and the regions they belong to.
 pub(crate) struct BlurredBone {
     pub(crate) places: Vec<Point3<f64>>,
+    normals: Vec<Vector3<f64>>,
     pub(crate) tree: ImmutableKdTree<f64, 3>,
     region: Vec<u32>,
     /// Share of the places in every region.
@@ -58,11 +70,26 @@ pub(crate) struct Blur {
     pub(crate) sigma_mm: f64,
     pub(crate) weights: Vec<f64>,
     pub(crate) edge: Option<SeenEdge>,
+    /// Share of the points whose normal faces away from the bone where they lie, ε.
+    pub(crate) facing_away: f64,
+}
+
+impl Blur {
+    /// f of a point's normal and that of a place: how much likelier it is there than if it faced anywhere.
+    fn facing(&self, point: &Vector3<f64>, place: &Vector3<f64>) -> f64 {
+        let away = is_away(point, place);
+        2.0 * (self.facing_away * away + (1.0 - self.facing_away) * (1.0 - away))
+    }
+}
+
+/// Nearly 1 where two normals point to opposite sides, nearly 0 where they point to the same.
+fn is_away(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
+    1.0 / (1.0 + (a.dot(b) / SOFT_SIDE).exp())
 }
 
 /// What one point says.
 pub(crate) struct Said<'a> {
-    pub(crate) point: Point3<f64>,
+    pub(crate) point: FacingPoint,
     pub(crate) free: Free,
     /// Places that it may show and how probably; the sum is 1.
     pub(crate) shown: &'a [(u32, f64)],
@@ -97,6 +124,10 @@ impl BlurredBone {
             .collect();
         Ok(Self {
             tree: tree_of(&places)?,
+            normals: places
+                .iter()
+                .map(|p| bone.closest(p).normal.normalize())
+                .collect(),
             region,
             share: n_in
                 .iter()
@@ -108,8 +139,9 @@ impl BlurredBone {
     }
 
     /// The places within reach of a point, each with its weight times what the noise makes of its distance.
-    fn kernels(&self, x: &Point3<f64>, blur: &Blur) -> impl Iterator<Item = (u32, f64)> {
-        let row: [f64; 3] = x.coords.into();
+    fn kernels(&self, x: &FacingPoint, blur: &Blur) -> impl Iterator<Item = (u32, f64)> {
+        let row: [f64; 3] = x.position.coords.into();
+        let normal = x.normal;
         let variance = blur.sigma_mm * blur.sigma_mm;
         let near = self
             .tree
@@ -119,13 +151,15 @@ impl BlurredBone {
             .execute();
         near.into_iter().map(move |item| {
             let kernel = (-0.5 * item.distance / variance).exp();
-            (item.item, self.weight(blur, item.item as usize) * kernel)
+            let place = item.item as usize;
+            let facing = normal.map_or(1.0, |n| blur.facing(&n, &self.normals[place]));
+            (item.item, self.weight(blur, place) * kernel * facing)
         })
     }
 
     /// How probably each place near a point is the one it shows: places and probabilities whose sum is 1, or none if
     /// all lie too far.
-    fn shown_by(&self, x: &Point3<f64>, blur: &Blur, found: &mut Vec<(u32, f64)>) {
+    fn shown_by(&self, x: &FacingPoint, blur: &Blur, found: &mut Vec<(u32, f64)>) {
         found.clear();
         found.extend(self.kernels(x, blur));
         let sum: f64 = found.iter().map(|(_, r)| r).sum();
@@ -161,7 +195,7 @@ impl BlurredBone {
     /// What each point says that lies near a place, and how many do.
     pub(crate) fn each_said(
         &self,
-        points: impl IntoIterator<Item = Point3<f64>>,
+        points: impl IntoIterator<Item = FacingPoint>,
         blur: &Blur,
         mut with: impl FnMut(&Said<'_>),
     ) -> usize {
@@ -175,11 +209,18 @@ impl BlurredBone {
             n_shown += 1;
             with(&Said {
                 point,
-                free: self.said(&point, &shown, blur.sigma_mm),
+                free: self.said(&point.position, &shown, blur.sigma_mm),
                 shown: &shown,
             });
         }
         n_shown
+    }
+
+    /// How probably a point faces away from the place that it shows; none of a point of which it is not known.
+    pub(crate) fn facing_away(&self, said: &Said<'_>) -> Option<f64> {
+        let normal = said.point.normal?;
+        let away = |&(j, r): &(u32, f64)| r * is_away(&normal, &self.normals[j as usize]);
+        Some(said.shown.iter().map(away).sum())
     }
 
     /// All regions alike, up to an edge.
@@ -188,6 +229,7 @@ impl BlurredBone {
             sigma_mm,
             weights: vec![1.0; self.n_regions()],
             edge,
+            facing_away: 0.5,
         }
     }
 
@@ -213,12 +255,12 @@ impl BlurredBone {
     /// Logarithm of the density of all points, up to a constant. A point that lies far from every place counts as if it were just within reach.
     pub(crate) fn log_likelihood(
         &self,
-        points: impl IntoIterator<Item = Point3<f64>>,
+        points: impl IntoIterator<Item = FacingPoint>,
         blur: &Blur,
     ) -> f64 {
         let all: f64 = (0..self.places.len()).map(|j| self.weight(blur, j)).sum();
         let least = all / self.places.len() as f64 * (-0.5 * REACH_IN_SIGMA * REACH_IN_SIGMA).exp();
-        let of_point = |x: Point3<f64>| {
+        let of_point = |x: FacingPoint| {
             let density: f64 = self.kernels(&x, blur).map(|(_, r)| r).sum();
             (density + least).ln()
         };
@@ -257,10 +299,10 @@ impl BlurredBone {
     /// Points drawn from the density, evenly over the weighed surface.
     pub(crate) fn drawn(
         &self,
-        blur: &Blur,
+        (blur, is_facing): (&Blur, bool),
         n: usize,
-        mut noise: impl FnMut() -> Vector3<f64>,
-    ) -> Vec<Point3<f64>> {
+        rng: &mut ChaCha8Rng,
+    ) -> Vec<FacingPoint> {
         let weight = |j: usize| self.weight(blur, j);
         let total: f64 = (0..self.places.len()).map(weight).sum();
         let step = total / n.max(1) as f64;
@@ -269,7 +311,17 @@ impl BlurredBone {
         for (j, place) in self.places.iter().enumerate() {
             behind += weight(j);
             while next < behind && points.len() < n {
-                points.push(place + noise() * blur.sigma_mm);
+                let noise = Vector3::from_fn(|_, _| -> f64 { StandardNormal.sample(rng) });
+                points.push(FacingPoint {
+                    position: place + noise * blur.sigma_mm,
+                    normal: is_facing.then(|| {
+                        let any = Vector3::from_fn(|_, _| -> f64 { StandardNormal.sample(rng) });
+                        let any = any.normalize();
+                        let is_kept =
+                            2.0 * rng.random::<f64>() < blur.facing(&any, &self.normals[j]);
+                        if is_kept { any } else { -any }
+                    }),
+                });
                 next += step;
             }
         }

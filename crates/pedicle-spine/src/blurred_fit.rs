@@ -11,11 +11,12 @@
 //! y and T in the target frame, mm and rad.
 
 use nalgebra::{
-    DMatrix, DVector, Isometry3, Matrix6, Point3, SMatrix, SVector, Translation3, UnitQuaternion,
+    DMatrix, DVector, Isometry3, Matrix6, SMatrix, SVector, Translation3, UnitQuaternion,
 };
 use pedicle_registration::{PoseCovariance, pose_error};
 
 use crate::blurred_bone::{Blur, BlurredBone, Free, N_FREE, RIDGE_POINTS, Said};
+use crate::facing::FacingPoint;
 use crate::seen_edge::{N_EDGE, OfEdge, RIDGE_OF_EDGE};
 
 /// A weight is worth so many points before any is seen.
@@ -26,6 +27,9 @@ const MAX_PRIOR_POINTS: f64 = 40.0;
 const MIN_EXPECTED: f64 = 5.0;
 /// One that shows less than this part of them is not seen, or not wholly.
 const LEAST_OF_SHARE: f64 = 0.5;
+/// So many points of which half face away are added to those seen, and some may always do.
+const PRIOR_FACING: f64 = 4.0;
+const LEAST_FACING_AWAY: f64 = 0.02;
 /// Steps at most; after the first ones they are halved.
 const MAX_STEPS: usize = 50;
 const FULL_STEPS: usize = 8;
@@ -65,7 +69,7 @@ impl BlurredBone {
     pub(crate) fn fit(
         &self,
         start: &Isometry3<f64>,
-        points: &[Point3<f64>],
+        points: &[FacingPoint],
         noise_mm: f64,
     ) -> Option<BlurredFit> {
         let (mut pose, mut blur) = self.fit_to_what_is_seen(start, points, noise_mm)?;
@@ -88,7 +92,7 @@ impl BlurredBone {
     fn fit_to_what_is_seen(
         &self,
         start: &Isometry3<f64>,
-        points: &[Point3<f64>],
+        points: &[FacingPoint],
         noise_mm: f64,
     ) -> Option<(Isometry3<f64>, Blur)> {
         let settled = |edge| self.settled(start, (start, self.even(noise_mm, edge)), points, None);
@@ -99,7 +103,7 @@ impl BlurredBone {
             (Some(without), Some(with)) => {
                 let likely = |(pose, blur): &(Isometry3<f64>, Blur)| {
                     let inverse = pose.inverse();
-                    self.log_likelihood(points.iter().map(|y| inverse * y), blur)
+                    self.log_likelihood(points.iter().map(|y| y.placed(&inverse)), blur)
                 };
                 let gain = likely(&with) - likely(&without);
                 Some(if gain > LEAST_GAIN_OF_EDGE {
@@ -118,13 +122,16 @@ impl BlurredBone {
         &self,
         pose: &Isometry3<f64>,
         blur: &Blur,
-        points: &[Point3<f64>],
+        points: &[FacingPoint],
     ) -> Option<f64> {
-        let flat = self.even(blur.sigma_mm, blur.edge.clone());
+        let flat = Blur {
+            weights: vec![1.0; self.n_regions()],
+            ..blur.clone()
+        };
         let shares = self.shares(&flat);
         let inverse = pose.inverse();
         let mut explained = vec![0.0; self.n_regions()];
-        let local = points.iter().map(|y| inverse * y);
+        let local = points.iter().map(|y| y.placed(&inverse));
         let n_shown = self.each_said(local, &flat, |said| {
             self.add_regions(said.shown, &mut explained);
         });
@@ -156,7 +163,7 @@ impl BlurredBone {
         &self,
         start: &Isometry3<f64>,
         (pose, mut blur): (&Isometry3<f64>, Blur),
-        points: &[Point3<f64>],
+        points: &[FacingPoint],
         alike_points: Option<f64>,
     ) -> Option<(Isometry3<f64>, Blur)> {
         let mut pose = *pose;
@@ -166,12 +173,17 @@ impl BlurredBone {
             let mut score = OfStep::zeros();
             let mean = self.mean_by_edge(&blur);
             let mut explained = vec![0.0; self.n_regions()];
-            let n_shown = self.each_said(points.iter().map(|y| inverse * y), &blur, |said| {
-                self.add_regions(said.shown, &mut explained);
-                let all = self.said_of_step(said, &blur, &mean);
-                information.ger(1.0, &all, &all, 1.0);
-                score += all;
-            });
+            let mut away = (0.0, 0.0);
+            let n_shown =
+                self.each_said(points.iter().map(|y| y.placed(&inverse)), &blur, |said| {
+                    self.add_regions(said.shown, &mut explained);
+                    if let Some(facing_away) = self.facing_away(said) {
+                        away = (away.0 + facing_away, away.1 + 1.0);
+                    }
+                    let all = self.said_of_step(said, &blur, &mean);
+                    information.ger(1.0, &all, &all, 1.0);
+                    score += all;
+                });
             let moved = blur
                 .edge
                 .as_ref()
@@ -188,6 +200,7 @@ impl BlurredBone {
             blur.edge = blur.edge.map(|edge| self.edge_moved(edge, &of_edge));
             let most = MAX_CHANGE_OF_SIGMA * blur.sigma_mm;
             blur.sigma_mm += step[6].clamp(-most, most);
+            blur.facing_away = share_facing_away(away);
             let changed_points = self.weigh(&mut blur, &explained, (points.len(), alike_points));
             let change = pose_error(&pose, start, &self.center);
             let is_near =
@@ -227,7 +240,7 @@ impl BlurredBone {
         &self,
         pose: &Isometry3<f64>,
         (blur, ridge_points): (&Blur, f64),
-        points: &[Point3<f64>],
+        points: &[FacingPoint],
     ) -> Option<PoseCovariance> {
         let inverse = pose.inverse();
         let by_weights = -DVector::from_vec(self.expected(blur));
@@ -235,7 +248,7 @@ impl BlurredBone {
         let mean = self.mean_by_edge(blur);
         let mut information = DMatrix::<f64>::zeros(n, n);
         let mut g = DVector::<f64>::zeros(n);
-        self.each_said(points.iter().map(|y| inverse * y), blur, |said| {
+        self.each_said(points.iter().map(|y| y.placed(&inverse)), blur, |said| {
             let of_step = self.said_of_step(said, blur, &mean);
             g.fixed_rows_mut::<N_STEP>(0).copy_from(&of_step);
             g.rows_mut(N_STEP, n - N_STEP).copy_from(&by_weights);
@@ -284,11 +297,17 @@ impl BlurredBone {
     }
 }
 
+/// ε from the probabilities to face away and how many points face anywhere.
+fn share_facing_away((away, all): (f64, f64)) -> f64 {
+    let share = (away + 0.5 * PRIOR_FACING) / (all + PRIOR_FACING);
+    share.clamp(LEAST_FACING_AWAY, 1.0 - LEAST_FACING_AWAY)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::bone::BoneSurface;
-    use nalgebra::Vector3;
+    use nalgebra::{Point3, Vector3};
     use pedicle_registration::{RefineOptions, refine_on_surface};
     use pedicle_simulation::{MeshingOptions, PhantomParameters, generate_phantom};
     use rand::SeedableRng;
@@ -342,8 +361,9 @@ mod tests {
                 })
                 .collect();
             let closest = refine_on_surface(&bone, &points, &truth, &options).unwrap();
+            let facing: Vec<FacingPoint> = points.into_iter().map(FacingPoint::of).collect();
             let found = blurred
-                .fit(&closest.target_from_source, &points, closest.noise_mm)
+                .fit(&closest.target_from_source, &facing, closest.noise_mm)
                 .unwrap();
             let center = bone.centroid();
             for (pose, sum) in [
@@ -434,7 +454,8 @@ mod tests {
             };
             let seen = bone.spread_points(n).into_iter();
             let seen = seen.filter(|p| is_seen(&(p - bone.centroid())));
-            let points: Vec<Point3<f64>> = seen.map(|p| p + noise(&mut rng)).collect();
+            let points: Vec<FacingPoint> =
+                seen.map(|p| FacingPoint::of(p + noise(&mut rng))).collect();
             blurred.alike_points(&pose, &blurred.even(SIGMA_MM, None), &points)
         };
         for n in [100, 400, 1500] {
@@ -461,7 +482,8 @@ mod tests {
         let bone = BoneSurface::new(mesh).unwrap();
         let blurred = BlurredBone::new(&bone, mesh.area(), SIGMA_MM).unwrap();
         let start = Isometry3::identity();
-        let far = vec![bone.centroid() + Vector3::new(0.0, 0.0, 500.0); 100];
+        let far = FacingPoint::of(bone.centroid() + Vector3::new(0.0, 0.0, 500.0));
+        let far = vec![far; 100];
         assert_eq!(blurred.fit(&start, &far, SIGMA_MM), None, "far away");
         assert_eq!(blurred.fit(&start, &[], SIGMA_MM), None, "no points");
     }

@@ -8,12 +8,13 @@ use rayon::prelude::*;
 use crate::evidence::{Deviations, Evidence};
 use crate::finish::SpineFit;
 use crate::landmark_evidence::{LandmarkEvidence, Tip, landmark_evidence};
+use crate::margin::Spread;
 use crate::misfit::Misfit;
 use crate::model::SpineModel;
 use crate::rejection::Rejection;
 use crate::search::Found;
 use crate::shape_change::{ShapeChange, SpineChange};
-use crate::uncertainty::{uncertainty, worst_of_pose};
+use crate::uncertainty::uncertainty;
 use crate::verdict::rejections;
 use crate::verdict_noise::second_smallest;
 use crate::verdict_together::{
@@ -273,7 +274,7 @@ impl Conclusion<'_> {
             .collect()
     }
 
-    /// Standard deviations in the worst direction.
+    /// How far its pose and screws may be off.
     fn deviations(
         &self,
         v: usize,
@@ -293,7 +294,7 @@ impl Conclusion<'_> {
                 breach_probability = larger(breach_probability, screw.breach_probability);
             }
         }
-        let (orientation_rad, position_mm) = worst_of_pose(covariance);
+        let (orientation_rad, position_mm) = Spread::of_pose(covariance);
         Deviations {
             position_mm,
             orientation_rad,

@@ -8,12 +8,13 @@
 //! p, r and s are those of [`crate::blurred_bone`], the fields φ_k those of [`crate::shape_basis`] along the axes c of the vertebra, d the
 //! regions and [`crate::bends`], by which points may lie more densely, and the edge of what is seen ([`crate::seen_edge`]). Source frame, mm.
 
-use nalgebra::{DMatrix, Point3};
+use nalgebra::DMatrix;
 use pedicle_trajectory::AnatomicalFrame;
 
 use crate::bends::{N_BENDS, bends};
 use crate::blurred_bone::{Blur, BlurredBone, N_FREE, RIDGE_POINTS};
 use crate::bone::BoneSurface;
+use crate::facing::FacingPoint;
 use crate::seen_edge::{N_EDGE, OfEdge, RIDGE_OF_EDGE};
 use crate::shape_basis::{ShapeBasis, along_axes};
 
@@ -75,7 +76,7 @@ impl<'a> Deformable<'a> {
     }
 
     /// A column a point that lies near a place: the derivatives of its log density by pose, σ, the edge, weights and deformation.
-    pub(crate) fn said_of(&self, points: impl IntoIterator<Item = Point3<f64>>) -> DMatrix<f64> {
+    pub(crate) fn said_of(&self, points: impl IntoIterator<Item = FacingPoint>) -> DMatrix<f64> {
         let n_numbers = self.n_free() + self.n_modes();
         let n_fields = self.fields.nrows();
         let variance = self.blur.sigma_mm * self.blur.sigma_mm;
@@ -101,7 +102,7 @@ impl<'a> Deformable<'a> {
                     *weight += r * bend;
                 }
                 // Moving a place by a field moves the density with it: the noise (x - s) / σ² along the field.
-                let away = (said.point - self.blurred.places[j]) * (r / variance);
+                let away = (said.point.position - self.blurred.places[j]) * (r / variance);
                 let field = self.fields.column(j);
                 let along = along_axes(self.frame, &away);
                 for (modes, along) in modes.chunks_exact_mut(n_fields).zip(along.iter()) {

@@ -1,5 +1,6 @@
 //! The figures that a verdict rests on.
 
+use crate::margin::Spread;
 use crate::misfit::Misfit;
 
 /// The figures that the verdict on one vertebra rests on.
@@ -45,12 +46,12 @@ pub(crate) struct Evidence {
     pub(crate) behind_share: Option<f64>,
 }
 
-/// Standard deviations of a pose in the worst direction: of the vertebra's centroid, of its
-/// orientation, and of the worst end of a planned screw.
+/// Standard deviations of a pose: of the vertebra's centroid and its orientation along their axes, and of the worst end of a planned screw in its worst
+/// direction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Deviations {
-    pub(crate) position_mm: f64,
-    pub(crate) orientation_rad: f64,
+    pub(crate) position_mm: Spread,
+    pub(crate) orientation_rad: Spread,
     pub(crate) screw_mm: f64,
     /// Largest probability that a screw breaches the cortex.
     pub(crate) breach_probability: f64,

@@ -176,7 +176,7 @@ pub(crate) fn finish(
             .zip(&mut poses)
             .zip(&lists)
             .map(|(((vertebra, refinement), pose), own)| {
-                let points = select(&target.points.positions, own);
+                let points = target.select(own);
                 likeliest_pose(vertebra, &points, (refinement, pose), asks_for_shape)
             })
             .collect::<Result<Vec<_>, SpineError>>()?

@@ -6,12 +6,13 @@
 //!
 //! p is the density of [`crate::blurred_bone`]. Lengths in mm.
 
-use nalgebra::{Isometry3, Point3};
+use nalgebra::Isometry3;
 use pedicle_registration::{ReferenceSurface, Refinement};
 
 use crate::SpineError;
 use crate::blurred_bone::{BlurredBone, MAX_POINTS};
 use crate::bone::BoneSurface;
+use crate::facing::FacingPoint;
 use crate::model::Vertebra;
 use crate::shape_change::ShapeChange;
 
@@ -31,7 +32,7 @@ pub(crate) struct Likeliest {
 /// tells what they say of the bone's shape.
 pub(crate) fn likeliest_pose(
     vertebra: &Vertebra,
-    points: &[Point3<f64>],
+    points: &[FacingPoint],
     (refinement, pose): (&mut Option<Refinement>, &mut Isometry3<f64>),
     asks_for_shape: bool,
 ) -> Result<Likeliest, SpineError> {
@@ -39,7 +40,7 @@ pub(crate) fn likeliest_pose(
         return Ok(Likeliest::default());
     };
     let stride = points.len().div_ceil(MAX_POINTS).max(1);
-    let few: Vec<Point3<f64>> = points.iter().step_by(stride).copied().collect();
+    let few: Vec<FacingPoint> = points.iter().step_by(stride).copied().collect();
     let bone = BlurredBone::new(&vertebra.bone, vertebra.area_mm2, fit.noise_mm)?;
     let Some(likeliest) = bone.fit(pose, &few, fit.noise_mm) else {
         *refinement = None;
@@ -60,11 +61,11 @@ pub(crate) fn likeliest_pose(
 }
 
 /// Root mean square distance of points from a bone, mm.
-fn rms_distance_mm(bone: &BoneSurface, pose: &Isometry3<f64>, points: &[Point3<f64>]) -> f64 {
+fn rms_distance_mm(bone: &BoneSurface, pose: &Isometry3<f64>, points: &[FacingPoint]) -> f64 {
     let inverse = pose.inverse();
     let squares = points
         .iter()
-        .map(|p| bone.closest(&(inverse * p)).distance_mm.powi(2));
+        .map(|p| bone.closest(&(inverse * p.position)).distance_mm.powi(2));
     (squares.sum::<f64>() / points.len() as f64).sqrt()
 }
 
@@ -72,7 +73,7 @@ fn rms_distance_mm(bone: &BoneSurface, pose: &Isometry3<f64>, points: &[Point3<f
 mod tests {
     use super::*;
     use crate::{MapOptions, SourceVertebra, SpineModel};
-    use nalgebra::Vector3;
+    use nalgebra::{Point3, Vector3};
     use pedicle_registration::{RefineOptions, refine_on_surface};
     use pedicle_simulation::{MeshingOptions, PhantomParameters, generate_phantom};
     use rand::SeedableRng;
@@ -109,6 +110,7 @@ mod tests {
             };
             let closest = refine_on_surface(&vertebra.bone, &points, &truth, &options).unwrap();
             let (mut fit, mut pose) = (Some(closest.clone()), closest.target_from_source);
+            let points: Vec<FacingPoint> = points.into_iter().map(FacingPoint::of).collect();
             let found = likeliest_pose(vertebra, &points, (&mut fit, &mut pose), false).unwrap();
             let fit = fit.unwrap();
             assert!(found.shape.is_none(), "not asked for");

@@ -65,10 +65,11 @@ pub struct VerdictOptions {
     /// Largest noise of the target surface, as the median bone shows it, mm; a single bone may show 1.1 times as much.
     /// Default 3.2: a noise of 3 mm shows as 2.6 to 3.1, beyond that nothing was tried.
     pub max_noise_mm: f64,
-    /// Largest standard deviation of the vertebra's position in the worst direction, mm. Default
-    /// 0.62: if it is as large in all three, the error is beyond the published margin of 2.5 mm once in a thousand (4.03 deviations).
+    /// Largest standard deviation of the vertebra's position if it is alike in all directions, mm. Default
+    /// 0.62: the error is beyond the published margin of 2.5 mm once in a thousand (4.03 deviations). Where it is larger in one direction than in the others
+    /// that one may be as large as makes it as probable, at most 0.76 mm.
     pub max_translation_std_mm: f64,
-    /// The same of its orientation, rad. Default 0.0307 (1.76°), for the published margin of 7.1°.
+    /// The same of its orientation, rad. Default 0.0307 (1.76°, in one direction at most 2.16°), for the published margin of 7.1°.
     pub max_rotation_std_rad: f64,
     /// The two of a fit along the rays of a camera, mm and rad. Default 0.5 and 0.0255 (1.46°): 1.2 times as much, as a lone doubt may be, is still
     /// within the others.
@@ -77,9 +78,10 @@ pub struct VerdictOptions {
     pub max_rotation_std_along_rays_rad: f64,
     /// The same of the entry or tip of a planned screw, mm. Default 2. Whether it then breaches is asked below.
     pub max_screw_std_mm: f64,
-    /// Largest probability that a planned screw breaches the cortex. Default 0.001: over the 800 vertebrae accepted at a
-    /// noise of 2 mm with 0.005 the probabilities add up to 0.16 breaches, with 0.001 to 0.03.
+    /// Largest probability that a planned screw breaches the cortex. Default 0.002.
     pub max_breach_probability: f64,
+    /// The same of what a camera saw, among whose points tissue may lie. Default 0.001.
+    pub max_breach_probability_of_camera: f64,
     /// Largest share of the target that may belong to no vertebra. Default 0.1.
     pub max_unexplained_share: f64,
     /// How much worse the target must be explained once all levels are shifted by one, relative
@@ -260,7 +262,8 @@ impl Default for VerdictOptions {
             max_landmark_distance_mm: 15.0,
             max_misfit_mm: 0.2,
             max_misfit_of_sensor_mm: 0.15,
-            max_breach_probability: 0.001,
+            max_breach_probability: 0.002,
+            max_breach_probability_of_camera: 0.001,
             misfit_in_sigma: 3.0,
             pooled_misfit_in_sigma: 3.0,
             max_log_bayes_factor: -6.0,

@@ -1,5 +1,8 @@
 //! The target's points and the loose pieces they belong to.
 
+use nalgebra::Vector3;
+
+use crate::facing::FacingPoint;
 use crate::points::PointSet;
 use crate::scoring::UNASSIGNED;
 
@@ -14,6 +17,8 @@ pub(crate) struct FinePoints {
     pub(crate) points: PointSet,
     pub(crate) piece: Vec<u32>,
     pub(crate) n_pieces: usize,
+    /// Where the surface faces at each point; none at all of a cloud.
+    pub(crate) facing: Vec<Option<Vector3<f64>>>,
 }
 
 impl FinePoints {
@@ -23,7 +28,19 @@ impl FinePoints {
             points: self.points.every(stride),
             piece: self.piece.iter().step_by(stride).copied().collect(),
             n_pieces: self.n_pieces,
+            facing: self.facing.iter().step_by(stride).copied().collect(),
         }
+    }
+}
+
+impl FinePoints {
+    /// Some of the points.
+    pub(crate) fn select(&self, chosen: &[u32]) -> Vec<FacingPoint> {
+        let point = |&p: &u32| FacingPoint {
+            position: self.points.positions[p as usize],
+            normal: self.facing.get(p as usize).copied().flatten(),
+        };
+        chosen.iter().map(point).collect()
     }
 }
 
@@ -71,6 +88,7 @@ mod tests {
             points: PointSet::default(),
             piece: vec![0; owners.len()],
             n_pieces: 1,
+            facing: Vec::new(),
         };
         settle_pieces(&mut owners, &target, 3);
         owners
@@ -87,6 +105,7 @@ mod tests {
             points: PointSet::default(),
             piece: Vec::new(),
             n_pieces: 0,
+            facing: Vec::new(),
         };
         let mut owners = vec![1, 1, 1, 2];
         settle_pieces(&mut owners, &cloud, 3);

@@ -8,6 +8,7 @@ use pedicle_trajectory::Level;
 use rand::seq::index;
 use rand_chacha::ChaCha8Rng;
 
+use crate::facing::facing;
 use crate::image_shape::image_shape;
 use crate::local_shape::{Local, local_shape, not_alone};
 use crate::map_shape::clean;
@@ -148,21 +149,24 @@ fn sample(
             },
             piece: Vec::new(),
             n_pieces: 0,
+            facing: Vec::new(),
         };
     };
     let components = connected_components(mesh);
     // The surface is clean: every vertex belongs to a face and so to a piece.
-    let (positions, piece) = chosen
-        .into_iter()
-        .filter_map(|v| Some((points[v], components.of_vertex[v]?)))
-        .unzip();
+    chosen.retain(|&v| components.of_vertex[v].is_some());
+    let normals = facing(mesh);
     FinePoints {
         points: PointSet {
-            positions,
+            positions: chosen.iter().map(|&v| points[v]).collect(),
             ..PointSet::default()
         },
-        piece,
+        piece: chosen
+            .iter()
+            .filter_map(|&v| components.of_vertex[v])
+            .collect(),
         n_pieces: components.n_components,
+        facing: chosen.into_iter().map(|v| normals[v]).collect(),
     }
 }
 

@@ -14,6 +14,7 @@ use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::{Isometry3, Point3, SVector};
 
 use crate::blurred_bone::{Blur, BlurredBone};
+use crate::facing::FacingPoint;
 use crate::local_shape::tree_of;
 
 /// Unknowns of an edge: how far it is moved out, and its tilts about the centroid.
@@ -68,7 +69,7 @@ impl BlurredBone {
         &self,
         pose: &Isometry3<f64>,
         sigma_mm: f64,
-        points: &[Point3<f64>],
+        points: &[FacingPoint],
     ) -> Option<SeenEdge> {
         let stride = self.places.len().div_ceil(N_COARSE).max(1);
         let coarse: Vec<Point3<f64>> = self.places.iter().step_by(stride).copied().collect();
@@ -157,7 +158,7 @@ fn is_seen(
     places: &[Point3<f64>],
     pose: &Isometry3<f64>,
     sigma_mm: f64,
-    points: &[Point3<f64>],
+    points: &[FacingPoint],
 ) -> Option<Vec<bool>> {
     let tree = tree_of(places).ok()?;
     let blur_mm = if sigma_mm > LEAST_BLUR_MM {
@@ -185,7 +186,7 @@ fn is_seen(
     let inverse = pose.inverse();
     let mut shown = vec![0.0; places.len()];
     for point in points {
-        let near = kernels(&(inverse * point), blur_mm, REACH_IN_BLUR);
+        let near = kernels(&(inverse * point.position), blur_mm, REACH_IN_BLUR);
         let total: f64 = near.iter().map(|(_, k)| k).sum();
         for (place, k) in near {
             shown[place as usize] += k / total;
@@ -237,13 +238,13 @@ mod tests {
     }
 
     /// Noisy points of what lies behind a plane so far in front of the centroid.
-    fn behind(bone: &BoneSurface, pose: &Isometry3<f64>, cut_mm: f64) -> Vec<Point3<f64>> {
+    fn behind(bone: &BoneSurface, pose: &Isometry3<f64>, cut_mm: f64) -> Vec<FacingPoint> {
         let mut rng = ChaCha8Rng::seed_from_u64(23);
         let places = bone.spread_points(400).into_iter();
         let seen = places.filter(|p| p.y - bone.centroid().y > -cut_mm);
         let noisy = seen.map(|p| {
             let noise = Vector3::from_fn(|_, _| -> f64 { StandardNormal.sample(&mut rng) });
-            pose * (p + noise * SIGMA_MM)
+            FacingPoint::of(pose * (p + noise * SIGMA_MM))
         });
         noisy.collect()
     }

@@ -16,14 +16,14 @@
 
 use std::sync::Arc;
 
-use nalgebra::{DMatrix, DVector, Point3, Vector3};
+use nalgebra::{DMatrix, DVector, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
 
 use crate::blurred_bone::BlurredBone;
 use crate::blurred_fit::BlurredFit;
 use crate::deformation::Deformable;
+use crate::facing::FacingPoint;
 use crate::model::Vertebra;
 use crate::shape_basis::ShapeBasis;
 
@@ -70,7 +70,7 @@ impl ShapeChange {
         blurred: &BlurredBone,
         vertebra: &Vertebra,
         fit: &BlurredFit,
-        points: &[Point3<f64>],
+        points: &[FacingPoint],
     ) -> Option<Self> {
         let bone = Deformable::new(
             (blurred, &fit.blur),
@@ -79,9 +79,9 @@ impl ShapeChange {
         );
         let inverse = fit.target_from_source.inverse();
         let mut rng = ChaCha8Rng::seed_from_u64(SEED);
-        let noise = || Vector3::from_fn(|_, _| StandardNormal.sample(&mut rng));
-        let of_drawn = bone.said_of(blurred.drawn(&fit.blur, N_DRAWN, noise));
-        let of_points = bone.said_of(points.iter().map(|p| inverse * p));
+        let is_facing = points.iter().any(|p| p.normal.is_some());
+        let of_drawn = bone.said_of(blurred.drawn((&fit.blur, is_facing), N_DRAWN, &mut rng));
+        let of_points = bone.said_of(points.iter().map(|p| p.placed(&inverse)));
         let (n, n_drawn) = (of_points.ncols(), of_drawn.ncols());
         if n < MIN_POINTS || n_drawn == 0 {
             return None;
@@ -169,9 +169,10 @@ fn stretch(
 mod tests {
     use super::*;
     use crate::{MapOptions, SourceVertebra, SpineModel, VerdictOptions};
-    use nalgebra::Isometry3;
+    use nalgebra::{Isometry3, Point3};
     use pedicle_mesh::{SimplifyOptions, Spacing, TriMesh, simplify};
     use pedicle_simulation::{MeshingOptions, Phantom, PhantomParameters, generate_phantom};
+    use rand_distr::{Distribution, StandardNormal};
 
     /// Points of every bone before noise.
     type Points = Vec<Vec<Point3<f64>>>;
@@ -224,9 +225,9 @@ mod tests {
         let all = model.vertebrae.iter().zip(bones).map(|(vertebra, bone)| {
             let noisy = bone.iter().map(|p| {
                 let noise = Vector3::from_fn(|_, _| StandardNormal.sample(&mut rng)) * sigma_mm;
-                pose * (p + noise)
+                FacingPoint::of(pose * (p + noise))
             });
-            let points: Vec<Point3<f64>> = noisy.collect();
+            let points: Vec<FacingPoint> = noisy.collect();
             let blurred = BlurredBone::new(&vertebra.bone, vertebra.area_mm2, sigma_mm).unwrap();
             let fit = blurred.fit(&pose, &points, sigma_mm).unwrap();
             ShapeChange::new(&blurred, vertebra, &fit, &points).unwrap()

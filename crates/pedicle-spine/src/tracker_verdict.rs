@@ -12,9 +12,9 @@ use nalgebra::Isometry3;
 use pedicle_registration::pose_error;
 
 use crate::evidence::{Deviations, Evidence};
+use crate::margin::Spread;
 use crate::tracker::SpineTracker;
 use crate::tracker_fit::{Fitted, Seen};
-use crate::uncertainty::worst_of_pose;
 use crate::verdict::rejections;
 use crate::verdict_noise::median;
 use crate::verdict_together::chain_rejections;
@@ -140,10 +140,11 @@ impl SpineTracker<'_> {
             is_from_camera: self.view.is_some(),
             tells_tissue: false,
             deviations: own.covariance.as_ref().map(|covariance| {
-                let (orientation_rad, position_mm) = worst_of_pose(covariance);
+                // In whatever direction it is largest.
+                let (turn, shift) = Spread::of_pose(covariance);
                 Deviations {
-                    position_mm,
-                    orientation_rad,
+                    position_mm: Spread::alike(shift.worst()),
+                    orientation_rad: Spread::alike(turn.worst()),
                     screw_mm: 0.0,
                     breach_probability: 0.0,
                 }

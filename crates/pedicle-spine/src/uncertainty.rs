@@ -269,15 +269,6 @@ pub(crate) fn worst_deviation(covariance: &Matrix3<f64>) -> f64 {
     if largest > 0.0 { largest.sqrt() } else { 0.0 }
 }
 
-/// Worst direction of the orientation, rad, and of the place of the centre, mm.
-pub(crate) fn worst_of_pose(covariance: &PoseCovariance) -> (f64, f64) {
-    let block = |at: usize| {
-        let block: Matrix3<f64> = covariance.matrix.fixed_view::<3, 3>(at, at).into_owned();
-        worst_deviation(&block)
-    };
-    (block(0), block(3))
-}
-
 #[cfg(test)]
 mod tests {
     use nalgebra::{Matrix6, Point3};
@@ -332,11 +323,6 @@ mod tests {
         assert!(
             (at(10.0) - 0.1).abs() < 1e-12 && (at(50.0) - 0.5).abs() < 1e-12,
             "lever"
-        );
-        let (turn, shift) = worst_of_pose(&covariance);
-        assert!(
-            (turn - 0.01).abs() < 1e-12 && shift == 0.0,
-            "{turn} {shift}"
         );
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::VerdictOptions;
 use crate::evidence::{Deviations, Evidence};
+use crate::margin::{MARGIN_MM, MARGIN_RAD};
 use crate::misfit::PATCH_MM;
 use crate::rejection::Rejection;
 use crate::verdict_noise::{noise_of_sensor, noise_of_target};
@@ -45,8 +46,8 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
         demand(false, reason);
     }
     let Deviations {
-        position_mm: std_mm,
-        orientation_rad: std_rad,
+        position_mm,
+        orientation_rad,
         screw_mm,
         breach_probability,
     } = deviations;
@@ -76,20 +77,29 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
             max_mm: options.max_screw_std_mm,
         },
     );
+    let max_breach_probability = if evidence.is_from_camera {
+        options.max_breach_probability_of_camera
+    } else {
+        options.max_breach_probability
+    };
     demand(
-        breach_probability <= options.max_breach_probability,
+        breach_probability <= max_breach_probability,
         Rejection::BreachLikely {
             probability: breach_probability,
-            max: options.max_breach_probability,
+            max: max_breach_probability,
         },
     );
+    let (std_mm, std_rad) = (position_mm.worst(), orientation_rad.worst());
     let (max_mm, max_rad) = if evidence.tells_tissue {
         (
             options.max_translation_std_along_rays_mm,
             options.max_rotation_std_along_rays_rad,
         )
     } else {
-        (options.max_translation_std_mm, options.max_rotation_std_rad)
+        (
+            position_mm.worst_allowed(MARGIN_MM, options.max_translation_std_mm),
+            orientation_rad.worst_allowed(MARGIN_RAD, options.max_rotation_std_rad),
+        )
     };
     demand(
         std_mm <= max_mm,
@@ -187,6 +197,7 @@ fn max_behind_share(bare_area_mm2: Option<f64>, options: &VerdictOptions) -> f64
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::margin::Spread;
     use crate::misfit::Misfit;
     use crate::verdict_noise::second_smallest;
 
@@ -194,8 +205,8 @@ mod tests {
     type Spoil = Box<dyn Fn(&mut Evidence)>;
 
     const GOOD: Deviations = Deviations {
-        position_mm: 0.1,
-        orientation_rad: 0.003,
+        position_mm: Spread::alike(0.1),
+        orientation_rad: Spread::alike(0.003),
         screw_mm: 0.2,
         breach_probability: 1e-6,
     };
@@ -474,21 +485,21 @@ mod tests {
             (
                 "fix the position",
                 with(Deviations {
-                    position_mm: 2.0,
+                    position_mm: Spread::alike(2.0),
                     ..GOOD
                 }),
             ),
             (
                 "fix the position",
                 with(Deviations {
-                    position_mm: f64::NAN,
+                    position_mm: Spread::alike(f64::NAN),
                     ..GOOD
                 }),
             ),
             (
                 "fix the orientation",
                 with(Deviations {
-                    orientation_rad: 0.3,
+                    orientation_rad: Spread::alike(0.3),
                     ..GOOD
                 }),
             ),

@@ -1,0 +1,158 @@
+//! Points with the direction in which the surface faces where they lie.
+//!
+//! ```text
+//! A_i = ½ Σ_faces (x_j - x_i) × (x_k - x_i) = ½ Σ_ring x_j × x_k,   n_i = A_i / |A_i|
+//! ```
+//!
+//! A mesh tells on which side of a thin bone a noisy point lies: A is the vector area of the faces about a vertex. The ring about it alone gives it where it is closed; the
+//! noise of the vertex itself does not.
+//!
+//! mm.
+
+use nalgebra::{Isometry3, Point3, Vector3};
+use pedicle_mesh::TriMesh;
+
+/// A point and the unit normal of the surface about it, if that is known.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct FacingPoint {
+    pub(crate) position: Point3<f64>,
+    pub(crate) normal: Option<Vector3<f64>>,
+}
+
+impl FacingPoint {
+    /// A point of which no more is known.
+    #[cfg(test)]
+    pub(crate) fn of(position: Point3<f64>) -> Self {
+        Self {
+            position,
+            normal: None,
+        }
+    }
+
+    /// The same in another frame.
+    pub(crate) fn placed(&self, pose: &Isometry3<f64>) -> Self {
+        Self {
+            position: pose * self.position,
+            normal: self.normal.map(|normal| pose.rotation * normal),
+        }
+    }
+}
+
+/// The normals of the vertices of a mesh, from the rings about them.
+pub(crate) fn facing(mesh: &TriMesh) -> Vec<Option<Vector3<f64>>> {
+    let mut areas = vec![Vector3::zeros(); mesh.n_vertices()];
+    for face in mesh.faces() {
+        let [a, b, c] = face.map(|v| mesh.vertices()[v as usize]);
+        let area = (b - a).cross(&(c - a)) * 0.5;
+        for &v in face {
+            areas[v as usize] += area;
+        }
+    }
+    areas
+        .into_iter()
+        .map(|area| area.try_normalize(f64::MIN_POSITIVE))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::blurred_bone::BlurredBone;
+    use crate::bone::BoneSurface;
+    use pedicle_mesh::{SimplifyOptions, simplify};
+    use pedicle_registration::pose_error;
+    use pedicle_simulation::{MeshingOptions, PhantomParameters, generate_phantom};
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    const SIGMA_MM: f64 = 3.0;
+
+    /// A flat fan of six faces about its first vertex.
+    fn fan(middle: Point3<f64>) -> TriMesh {
+        let ring = (0..6).map(|k| {
+            let angle = f64::from(k) * std::f64::consts::FRAC_PI_3;
+            Point3::new(angle.cos(), angle.sin(), 0.0)
+        });
+        let vertices = std::iter::once(middle).chain(ring).collect();
+        let faces = (0..6).map(|k| [0, 1 + k, 1 + (k + 1) % 6]).collect();
+        TriMesh::new(vertices, faces).unwrap()
+    }
+
+    #[test]
+    fn a_ring_tells_where_its_middle_faces_whatever_the_noise_of_that() {
+        for middle in [Point3::origin(), Point3::new(0.4, -0.3, 2.0)] {
+            let normal = facing(&fan(middle))[0].unwrap();
+            assert!((normal - Vector3::z()).norm() < 1e-12, "{normal}");
+        }
+        let line = vec![
+            Point3::origin(),
+            Point3::new(1.0, 0.0, 0.0),
+            Point3::new(2.0, 0.0, 0.0),
+        ];
+        let flat = TriMesh::new(line, vec![[0, 1, 2]]).unwrap();
+        assert_eq!(facing(&flat), vec![None; 3], "no area");
+    }
+
+    #[test]
+    fn where_points_face_brings_the_pose_nearer_and_faces_turned_inside_out_are_known() {
+        let phantom =
+            generate_phantom(&PhantomParameters::default(), &MeshingOptions::default()).unwrap();
+        let mesh = &phantom.vertebrae[2].mesh;
+        let bone = BoneSurface::new(mesh).unwrap();
+        let blurred = BlurredBone::new(&bone, mesh.area(), SIGMA_MM).unwrap();
+        let few = simplify(mesh, 700, &SimplifyOptions::default())
+            .unwrap()
+            .mesh;
+        let truth = Isometry3::new(Vector3::new(4.0, 60.0, -9.0), Vector3::new(0.2, -0.4, 0.3));
+        let mut rng = ChaCha8Rng::seed_from_u64(29);
+        let (mut with_mm2, mut without_mm2, mut squared) = (0.0, 0.0, 0.0);
+        let n_draws = 30;
+        for draw in 0..n_draws {
+            let noisy = few.vertices().iter().map(|p| {
+                let noise = Vector3::from_fn(|_, _| -> f64 { StandardNormal.sample(&mut rng) });
+                truth * (p + noise * SIGMA_MM)
+            });
+            let seen = TriMesh::new(noisy.collect(), few.faces().to_vec()).unwrap();
+            let points = |normals: &[Option<Vector3<f64>>], sign: f64| -> Vec<FacingPoint> {
+                let both = seen.vertices().iter().zip(normals);
+                let point =
+                    |(position, normal): (&Point3<f64>, &Option<Vector3<f64>>)| FacingPoint {
+                        position: *position,
+                        normal: normal.map(|normal| normal * sign),
+                    };
+                both.map(point).collect()
+            };
+            let normals = facing(&seen);
+            let fit = |points: &[FacingPoint]| blurred.fit(&truth, points, SIGMA_MM).unwrap();
+            let error_mm2 = |pose: &Isometry3<f64>| {
+                pose_error(pose, &truth, &bone.centroid())
+                    .translation_mm
+                    .powi(2)
+            };
+            let with = fit(&points(&normals, 1.0));
+            let without = fit(&points(&vec![None; normals.len()], 1.0));
+            with_mm2 += error_mm2(&with.target_from_source);
+            without_mm2 += error_mm2(&without.target_from_source);
+            let found = with.covariance;
+            squared += found
+                .normalized_error_squared(&with.target_from_source, &truth)
+                .unwrap()
+                / 6.0
+                / f64::from(n_draws);
+            assert!(with.blur.facing_away < 0.3, "{}", with.blur.facing_away);
+            if draw == 0 {
+                let turned = fit(&points(&normals, -1.0));
+                assert!(turned.blur.facing_away > 0.7);
+                let apart = pose_error(
+                    &turned.target_from_source,
+                    &with.target_from_source,
+                    &bone.centroid(),
+                );
+                assert!(apart.translation_mm < 0.02, "{}", apart.translation_mm);
+            }
+        }
+        assert!(with_mm2 < without_mm2, "{with_mm2} and {without_mm2} mm²");
+        assert!((0.6..1.4).contains(&squared), "{squared}");
+    }
+}
