@@ -3,7 +3,6 @@
 //! ```text
 //! p(x, n) = Σ_j w_j f(n · n_j) N(x; s_j, σ² I)
 //! ∇ log p(x) = (m(x) - x) / σ²,   m(x) = Σ_j r_j(x) s_j,   r_j(x) ∝ w_j f(n · n_j) N(x; s_j, σ² I)
-//! f(c) = 2 (ε a + (1 - ε) (1 - a)),   a = 1 / (1 + exp(c / τ))
 //! ```
 //!
 //! s_j lie evenly over the bone's surface. Where noise is as large as the detail of the bone, the place closest to a point
@@ -14,8 +13,7 @@
 //! each is the share of the points that its region explains over its share of the area. Where a target ends within regions, places have the weight v_j of
 //! [`crate::seen_edge`] as well: w_j is the product then. Their sum is 1.
 //!
-//! A mesh tells where its surface faces at a point ([`crate::facing`]): that tells the two sides of a thin bone apart. f asks for the side alone, because normals of noisy
-//! faces are rough. ε is the share of points that face away from the bone; it is found as well, for faces may be turned inside out: near 1/2 normals tell nothing. Of a cloud f is 1.
+//! A mesh tells where its surface faces at a point, which tells the two sides of a thin bone apart: f is that of [`crate::facing`], of a cloud 1.
 //!
 //! s and x in the source frame, mm.
 
@@ -27,7 +25,7 @@ use rand_distr::{Distribution, StandardNormal};
 
 use crate::SpineError;
 use crate::bone::BoneSurface;
-use crate::facing::FacingPoint;
+use crate::facing::{FacingPoint, agreement, is_away};
 use crate::local_shape::tree_of;
 use crate::seen_edge::SeenEdge;
 use pedicle_registration::ReferenceSurface;
@@ -41,8 +39,6 @@ const SPACING_IN_SIGMA: f64 = 1.0;
 const N_PLACES: (usize, usize) = (2000, 30_000);
 /// Places farther from a point than this many σ do not count.
 const REACH_IN_SIGMA: f64 = 3.5;
-/// Normals at right angles are told apart from this cosine on, τ.
-const SOFT_SIDE: f64 = 0.1;
 /// Edges of the regions with one weight, mm.
 const REGION_MM: f64 = 25.0;
 /// Information on the logarithm of a weight that no point tells, points.
@@ -56,6 +52,7 @@ pub(crate) type Free = SVector<f64, N_FREE>;
 /// The places of a bone and the regions they belong to.
 pub(crate) struct BlurredBone {
     pub(crate) places: Vec<Point3<f64>>,
+    /// Unit normals of the surface there.
     normals: Vec<Vector3<f64>>,
     pub(crate) tree: ImmutableKdTree<f64, 3>,
     region: Vec<u32>,
@@ -72,19 +69,6 @@ pub(crate) struct Blur {
     pub(crate) edge: Option<SeenEdge>,
     /// Share of the points whose normal faces away from the bone where they lie, ε.
     pub(crate) facing_away: f64,
-}
-
-impl Blur {
-    /// f of a point's normal and that of a place: how much likelier it is there than if it faced anywhere.
-    fn facing(&self, point: &Vector3<f64>, place: &Vector3<f64>) -> f64 {
-        let away = is_away(point, place);
-        2.0 * (self.facing_away * away + (1.0 - self.facing_away) * (1.0 - away))
-    }
-}
-
-/// Nearly 1 where two normals point to opposite sides, nearly 0 where they point to the same.
-fn is_away(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
-    1.0 / (1.0 + (a.dot(b) / SOFT_SIDE).exp())
 }
 
 /// What one point says.
@@ -124,9 +108,11 @@ impl BlurredBone {
             .collect();
         Ok(Self {
             tree: tree_of(&places)?,
+            // One without a direction tells nothing.
             normals: places
                 .iter()
-                .map(|p| bone.closest(p).normal.normalize())
+                .map(|p| bone.closest(p).normal)
+                .map(|normal| normal.try_normalize(f64::MIN_POSITIVE).unwrap_or_default())
                 .collect(),
             region,
             share: n_in
@@ -152,7 +138,9 @@ impl BlurredBone {
         near.into_iter().map(move |item| {
             let kernel = (-0.5 * item.distance / variance).exp();
             let place = item.item as usize;
-            let facing = normal.map_or(1.0, |n| blur.facing(&n, &self.normals[place]));
+            let facing = normal.map_or(1.0, |n| {
+                agreement(&n, &self.normals[place], blur.facing_away)
+            });
             (item.item, self.weight(blur, place) * kernel * facing)
         })
     }
@@ -296,7 +284,7 @@ impl BlurredBone {
         all.map(|j| weight(j) * number(j)).sum::<f64>() / total
     }
 
-    /// Points drawn from the density, evenly over the weighed surface.
+    /// Points drawn from the density, evenly over the weighed surface, and where they face if that is asked.
     pub(crate) fn drawn(
         &self,
         (blur, is_facing): (&Blur, bool),
@@ -317,8 +305,8 @@ impl BlurredBone {
                     normal: is_facing.then(|| {
                         let any = Vector3::from_fn(|_, _| -> f64 { StandardNormal.sample(rng) });
                         let any = any.normalize();
-                        let is_kept =
-                            2.0 * rng.random::<f64>() < blur.facing(&any, &self.normals[j]);
+                        let is_kept = 2.0 * rng.random::<f64>()
+                            < agreement(&any, &self.normals[j], blur.facing_away);
                         if is_kept { any } else { -any }
                     }),
                 });

@@ -16,7 +16,7 @@ use nalgebra::{
 use pedicle_registration::{PoseCovariance, pose_error};
 
 use crate::blurred_bone::{Blur, BlurredBone, Free, N_FREE, RIDGE_POINTS, Said};
-use crate::facing::FacingPoint;
+use crate::facing::{FacingPoint, share_facing_away};
 use crate::seen_edge::{N_EDGE, OfEdge, RIDGE_OF_EDGE};
 
 /// A weight is worth so many points before any is seen.
@@ -27,9 +27,6 @@ const MAX_PRIOR_POINTS: f64 = 40.0;
 const MIN_EXPECTED: f64 = 5.0;
 /// One that shows less than this part of them is not seen, or not wholly.
 const LEAST_OF_SHARE: f64 = 0.5;
-/// So many points of which half face away are added to those seen, and some may always do.
-const PRIOR_FACING: f64 = 4.0;
-const LEAST_FACING_AWAY: f64 = 0.02;
 /// Steps at most; after the first ones they are halved.
 const MAX_STEPS: usize = 50;
 const FULL_STEPS: usize = 8;
@@ -295,12 +292,6 @@ impl BlurredBone {
         }
         most
     }
-}
-
-/// ε from the probabilities to face away and how many points face anywhere.
-fn share_facing_away((away, all): (f64, f64)) -> f64 {
-    let share = (away + 0.5 * PRIOR_FACING) / (all + PRIOR_FACING);
-    share.clamp(LEAST_FACING_AWAY, 1.0 - LEAST_FACING_AWAY)
 }
 
 #[cfg(test)]

@@ -4,6 +4,15 @@
 //! A_i = ½ Σ_faces (x_j - x_i) × (x_k - x_i) = ½ Σ_ring x_j × x_k,   n_i = A_i / |A_i|
 //! ```
 //!
+//! Of a point with the normal n that lies at a place with the normal n_j
+//!
+//! ```text
+//! f(n · n_j) = 2 (ε a + (1 - ε) (1 - a)),   a = 1 / (1 + exp(n · n_j / τ))
+//! ```
+//!
+//! tells how much likelier it is there than if it faced anywhere; the mean of f over all directions is 1. It asks for the side alone, because normals of noisy faces are rough. ε is the share of
+//! points that face away from the bone; it is found from the points, for faces may be turned inside out. Near 1/2 normals tell nothing.
+//!
 //! A mesh tells on which side of a thin bone a noisy point lies: A is the vector area of the faces about a vertex. The ring about it alone gives it where it is closed; the
 //! noise of the vertex itself does not.
 //!
@@ -11,6 +20,12 @@
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use pedicle_mesh::TriMesh;
+
+/// Normals at right angles are told apart from this cosine on, τ.
+const SOFT_SIDE: f64 = 0.1;
+/// So many points of which half face away are added to those seen, and some may always do.
+const PRIOR_FACING: f64 = 4.0;
+const LEAST_FACING_AWAY: f64 = 0.02;
 
 /// A point and the unit normal of the surface about it, if that is known.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -54,6 +69,23 @@ pub(crate) fn facing(mesh: &TriMesh) -> Vec<Option<Vector3<f64>>> {
         .collect()
 }
 
+/// Nearly 1 where two normals point to opposite sides, nearly 0 where they point to the same: a.
+pub(crate) fn is_away(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
+    1.0 / (1.0 + (a.dot(b) / SOFT_SIDE).exp())
+}
+
+/// f of a point's normal and that of a place: how much likelier it is there than if it faced anywhere.
+pub(crate) fn agreement(point: &Vector3<f64>, place: &Vector3<f64>, facing_away: f64) -> f64 {
+    let away = is_away(point, place);
+    2.0 * (facing_away * away + (1.0 - facing_away) * (1.0 - away))
+}
+
+/// ε from the probabilities to face away and how many points face anywhere.
+pub(crate) fn share_facing_away((away, all): (f64, f64)) -> f64 {
+    let share = (away + 0.5 * PRIOR_FACING) / (all + PRIOR_FACING);
+    share.clamp(LEAST_FACING_AWAY, 1.0 - LEAST_FACING_AWAY)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -92,6 +124,31 @@ mod tests {
         ];
         let flat = TriMesh::new(line, vec![[0, 1, 2]]).unwrap();
         assert_eq!(facing(&flat), vec![None; 3], "no area");
+    }
+
+    #[test]
+    fn agreement_is_one_on_average_and_asks_for_the_side() {
+        let place = Vector3::new(0.3, -0.8, 0.5).normalize();
+        let mut rng = ChaCha8Rng::seed_from_u64(37);
+        for facing_away in [0.02, 0.3, 0.5, 0.9] {
+            let n = 20_000;
+            let drawn = (0..n).map(|_| {
+                let any = Vector3::from_fn(|_, _| -> f64 { StandardNormal.sample(&mut rng) });
+                agreement(&any.normalize(), &place, facing_away)
+            });
+            let mean = drawn.sum::<f64>() / f64::from(n);
+            assert!((mean - 1.0).abs() < 0.03, "{mean} at {facing_away}");
+            let (same, other) = (
+                agreement(&place, &place, facing_away),
+                agreement(&-place, &place, facing_away),
+            );
+            assert!((same - 2.0 * (1.0 - facing_away)).abs() < 1e-3, "{same}");
+            assert!((other - 2.0 * facing_away).abs() < 1e-3, "{other}");
+        }
+        let clamped = share_facing_away((0.0, 1000.0));
+        assert!((clamped - LEAST_FACING_AWAY).abs() < 1e-12, "{clamped}");
+        let nothing = share_facing_away((0.0, 0.0));
+        assert!((nothing - 0.5).abs() < 1e-12, "no point faces anywhere");
     }
 
     #[test]

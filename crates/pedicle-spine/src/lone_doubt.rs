@@ -23,7 +23,7 @@ pub struct LoneDoubtOptions {
     pub max_deviation_ratio: f64,
     /// Largest distance of its points from its surface over what the sensor's noise allows. Default 1.25.
     pub max_noise_ratio: f64,
-    /// Least share by which the next best pose is worse over the one asked for. Default 0.55: 8 %, as is asked for without a camera.
+    /// Least share by which the next best pose is worse over the one asked for. Default 0.8: 8 %, as is asked for without a camera.
     pub min_margin_ratio: f64,
 }
 
@@ -33,7 +33,7 @@ impl Default for LoneDoubtOptions {
             min_sure: 3,
             max_deviation_ratio: 1.2,
             max_noise_ratio: 1.25,
-            min_margin_ratio: 0.55,
+            min_margin_ratio: 0.8,
         }
     }
 }
@@ -221,7 +221,7 @@ mod tests {
     }
 
     fn rival(margin: f64) -> Rejection {
-        Rejection::Ambiguous { margin, min: 0.15 }
+        Rejection::Ambiguous { margin, min: 0.1 }
     }
 
     fn noisier(noise_mm: f64) -> Rejection {
@@ -236,7 +236,7 @@ mod tests {
     fn a_small_doubt_is_outweighed_and_a_large_one_or_a_nan_is_not() {
         for (small, large) in [
             (position(0.47), position(0.49)),
-            (rival(0.083), rival(0.082)),
+            (rival(0.081), rival(0.079)),
             (noisier(0.62), noisier(0.63)),
         ] {
             assert!(is_outweighed(std::slice::from_ref(&small)), "{small}");
@@ -255,9 +255,9 @@ mod tests {
             max_rad: 0.0195,
         };
         assert!(is_outweighed(&[position(0.45), turned.clone()]));
-        assert!(!is_outweighed(&[position(0.45), rival(0.1)]));
-        assert!(!is_outweighed(&[turned, rival(0.1)]));
-        assert!(!is_outweighed(&[rival(0.1), rival(0.01)]));
+        assert!(!is_outweighed(&[position(0.45), rival(0.09)]));
+        assert!(!is_outweighed(&[turned, rival(0.09)]));
+        assert!(!is_outweighed(&[rival(0.09), rival(0.01)]));
         assert!(!is_outweighed(&[]));
     }
 
@@ -284,8 +284,8 @@ mod tests {
 
     #[test]
     fn doubts_in_words_ask_for_nothing() {
-        let words = in_words(&rival(0.1));
-        assert_eq!(words, "the next best pose is 10.0 % worse (limit 15.0 %)");
+        let words = in_words(&rival(0.09));
+        assert_eq!(words, "the next best pose is 9.0 % worse (limit 10.0 %)");
         for doubt in [position(0.42), rival(0.14), noisier(0.55)] {
             let words = in_words(&doubt);
             assert!(words.contains("limit") && !words.contains('?'), "{words}");
@@ -300,7 +300,7 @@ mod tests {
         };
         let levels = Rejection::LevelAmbiguous {
             margin: 0.149,
-            min: 0.15,
+            min: 0.1,
         };
         assert!(!is_outweighed(&[breach]));
         assert!(!is_outweighed(&[behind(0.0251)]));

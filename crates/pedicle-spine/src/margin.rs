@@ -28,7 +28,7 @@ pub(crate) struct Spread([f64; 3]);
 
 impl Spread {
     /// Alike in all directions.
-    pub(crate) fn alike(deviation: f64) -> Self {
+    pub(crate) const fn alike(deviation: f64) -> Self {
         Self([deviation; 3])
     }
 

@@ -14,7 +14,8 @@
 //!
 //! Points cut off at a distance pull a pose aside; points weighed by what they probably are do so less. The
 //! covariance is A⁻¹ B A⁻¹ with A = Σ w a aᵀ / σ² and the scatter B of the gradients. Nothing that a camera saw lies
-//! behind bare bone: patches that do, by more than 3 s, contradict the pose or the bone.
+//! behind bare bone: patches that do, by more than 3 s, contradict the pose or the bone. Their medians tell: rays that just miss the end of a bone meet what lies far behind it, and a few of them
+//! move the mean of a patch beside it.
 
 use nalgebra::{Isometry3, Matrix6, Point3, Translation3, UnitQuaternion, Vector3, Vector6};
 use pedicle_registration::PoseCovariance;
@@ -46,7 +47,9 @@ const SHARE_RANGE: (f64, f64) = (0.3, 0.98);
 const SURFACE_MM: f64 = 0.12;
 /// Least cosine of the angle between the normal of the points around one and of the bone.
 const LEAST_AGREEMENT: f64 = 0.6;
-/// Patches farther behind the bone than this many standard deviations of their mean contradict it.
+/// Variance of a median over that of a mean of as many normal numbers.
+const MEDIAN_TO_MEAN: f64 = std::f64::consts::FRAC_PI_2;
+/// Patches farther behind the bone than this many standard deviations of their median contradict it.
 const BEHIND_IN_SIGMA: f64 = 3.0;
 /// Steps of the first fit, and where its weights fall to zero in standard deviations.
 const ROBUST_STEPS: usize = 10;
@@ -94,7 +97,6 @@ struct Maximum {
     /// σ, mm.
     noise_mm: f64,
     seen: Vec<Seen>,
-    means: Vec<Option<(f64, f64)>>,
     weights: Vec<f64>,
     log_likelihood: f64,
 }
@@ -154,7 +156,6 @@ impl TissueMixture<'_> {
                 pose,
                 noise_mm: state.noise_mm,
                 seen,
-                means,
                 weights,
                 log_likelihood,
             });
@@ -180,7 +181,7 @@ impl TissueMixture<'_> {
         MixtureFit {
             target_from_source: at.pose,
             noise_mm: weighted_noise_mm(&at.seen, &at.weights),
-            behind_share: self.share_behind(&at.means, noise_mm),
+            behind_share: self.share_behind(&at.seen, noise_mm),
             covariance: covariance(&at.seen, &at.weights, at.noise_mm, &center),
             weights: at.weights,
         }
@@ -213,14 +214,13 @@ impl TissueMixture<'_> {
 
     /// Of the points that lie on the bone in a pose or behind it the share behind.
     pub(crate) fn behind_share(&self, pose: &Isometry3<f64>) -> f64 {
-        let means = patch_means(&self.look(pose), &self.patches());
-        self.share_behind(&means, self.sensor_mm())
+        self.share_behind(&self.look(pose), self.sensor_mm())
     }
 
-    fn share_behind(&self, means: &[Option<(f64, f64)>], noise_mm: f64) -> f64 {
+    fn share_behind(&self, seen: &[Seen], noise_mm: f64) -> f64 {
         let alike = &self.view.alike;
-        let told = means.iter().flatten();
-        behind_share(told.map(|&(mean, n)| (mean, alike.n_told(n))), noise_mm)
+        let told = patch_medians(seen, &self.patches()).into_iter().flatten();
+        behind_share(told.map(|(median, n)| (median, alike.n_told(n))), noise_mm)
     }
 
     /// The pose that robust weights lead to where nearly all points are bone.
@@ -342,14 +342,14 @@ fn scatter_mm(noise_mm: f64, n: f64) -> f64 {
     (noise_mm * noise_mm / n + SURFACE_MM * SURFACE_MM).sqrt()
 }
 
-/// Of patches that lie on bone or behind it the share behind. Mean residuals and numbers of points.
-fn behind_share(means: impl Iterator<Item = (f64, f64)>, noise_mm: f64) -> f64 {
+/// Of patches that lie on bone or behind it the share behind. Medians of the residuals and numbers of points.
+fn behind_share(medians: impl Iterator<Item = (f64, f64)>, noise_mm: f64) -> f64 {
     let (mut n_behind, mut n_on) = (0.0, 0.0);
-    for (mean, n) in means {
-        let limit_mm = BEHIND_IN_SIGMA * scatter_mm(noise_mm, n);
-        if mean < -limit_mm {
+    for (median, n) in medians {
+        let limit_mm = BEHIND_IN_SIGMA * scatter_mm(noise_mm, n / MEDIAN_TO_MEAN);
+        if median < -limit_mm {
             n_behind += 1.0;
-        } else if mean <= limit_mm {
+        } else if median <= limit_mm {
             n_on += 1.0;
         }
     }
@@ -382,6 +382,23 @@ fn patch_means(seen: &[Seen], patches: &[Vec<u32>]) -> Vec<Option<(f64, f64)>> {
                 }
             }
             Some((sum / n, n))
+        })
+        .collect()
+}
+
+/// Median residual of every patch and how many points it has.
+fn patch_medians(seen: &[Seen], patches: &[Vec<u32>]) -> Vec<Option<(f64, f64)>> {
+    let mut residuals = Vec::new();
+    seen.iter()
+        .zip(patches)
+        .map(|(s, patch)| {
+            residuals.clear();
+            residuals.push(s.residual?);
+            residuals.extend(patch.iter().filter_map(|&j| seen[j as usize].residual));
+            residuals.sort_unstable_by(f64::total_cmp);
+            let n = residuals.len();
+            let median = 0.5 * (residuals[(n - 1) / 2] + residuals[n / 2]);
+            Some((median, n as f64))
         })
         .collect()
 }
@@ -446,4 +463,43 @@ fn covariance(
         matrix,
         center: *center,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The share behind of points of which each has all others in its patch.
+    fn share(residuals: &[f64], noise_mm: f64) -> f64 {
+        let seen: Vec<Seen> = residuals
+            .iter()
+            .map(|&r| Seen {
+                residual: Some(r),
+                row: Vector6::zeros(),
+            })
+            .collect();
+        let all = 0..residuals.len() as u32;
+        let patches: Vec<Vec<u32>> = all
+            .clone()
+            .map(|i| all.clone().filter(|&j| j != i).collect())
+            .collect();
+        behind_share(
+            patch_medians(&seen, &patches).into_iter().flatten(),
+            noise_mm,
+        )
+    }
+
+    #[test]
+    fn rays_that_just_miss_a_bone_do_not_put_it_behind_and_a_pose_in_front_does() {
+        let noise = |k: i32| 0.1 * f64::from(k % 5 - 2);
+        let mut edge: Vec<f64> = (0..25).map(noise).collect();
+        for far in &mut edge[..6] {
+            *far = -6.0;
+        }
+        assert!(share(&edge, 0.3) <= 0.0, "the end of a process");
+        let in_front: Vec<f64> = (0..25).map(|k| noise(k) - 0.8).collect();
+        assert!(share(&in_front, 0.3) >= 1.0, "all of it lies behind");
+        let on: Vec<f64> = (0..25).map(noise).collect();
+        assert!(share(&on, 0.3) <= 0.0, "on the bone");
+    }
 }

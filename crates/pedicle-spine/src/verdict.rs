@@ -77,16 +77,11 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
             max_mm: options.max_screw_std_mm,
         },
     );
-    let max_breach_probability = if evidence.is_from_camera {
-        options.max_breach_probability_of_camera
-    } else {
-        options.max_breach_probability
-    };
     demand(
-        breach_probability <= max_breach_probability,
+        breach_probability <= options.max_breach_probability,
         Rejection::BreachLikely {
             probability: breach_probability,
-            max: max_breach_probability,
+            max: options.max_breach_probability,
         },
     );
     let (std_mm, std_rad) = (position_mm.worst(), orientation_rad.worst());
@@ -96,11 +91,10 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
             options.max_rotation_std_along_rays_rad,
         )
     } else {
-        (
-            position_mm.worst_allowed(MARGIN_MM, options.max_translation_std_mm),
-            orientation_rad.worst_allowed(MARGIN_RAD, options.max_rotation_std_rad),
-        )
+        (options.max_translation_std_mm, options.max_rotation_std_rad)
     };
+    let max_mm = position_mm.worst_allowed(MARGIN_MM, max_mm);
+    let max_rad = orientation_rad.worst_allowed(MARGIN_RAD, max_rad);
     demand(
         std_mm <= max_mm,
         Rejection::PositionUncertain { std_mm, max_mm },
@@ -276,10 +270,10 @@ mod tests {
     fn the_less_bone_is_bare_the_less_may_lie_behind_it() {
         let options = VerdictOptions::default();
         for (area_mm2, most) in [
-            (400.0, 0.0125),
-            (800.0, 0.01875),
-            (1200.0, 0.025),
-            (2000.0, 0.025),
+            (400.0, 0.006),
+            (800.0, 0.009),
+            (1200.0, 0.012),
+            (2000.0, 0.012),
         ] {
             let judged = |share: f64| {
                 let seen = Evidence {
@@ -299,7 +293,7 @@ mod tests {
         }
         let least = max_behind_share(None, &options);
         assert!(
-            (least - 0.0125).abs() < 1e-12,
+            (least - 0.006).abs() < 1e-12,
             "nothing is known to be bare: {least}"
         );
     }
@@ -451,7 +445,7 @@ mod tests {
                 "another pose",
                 Box::new(|e| {
                     (e.is_from_camera, e.bare_area_mm2) = (true, Some(1500.0));
-                    e.alternative_margin = 0.12;
+                    e.alternative_margin = 0.09;
                 }),
             ),
             (

@@ -269,7 +269,7 @@ mod tests {
         assert_eq!(judged(&one_wrong, 0.3), None, "one bone was not found");
         let found = judged(&[0.1, 0.02, 0.05, 0.0, 0.2], 0.3);
         assert!(found.is_some_and(|r| r.contains("right patient")), "most");
-        let few = [0.009; 5];
+        let few = [0.005; 5];
         assert_eq!(judged(&few, 0.3), None, "at little noise");
         assert!(judged(&few, 1.5).is_some(), "at much noise less is seen");
         assert_eq!(judged(&[], 0.3), None, "no camera");

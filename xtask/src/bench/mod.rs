@@ -112,6 +112,9 @@ pub(crate) struct Arguments {
         conflicts_with = "baselines"
     )]
     camera_noise: CameraNoiseChoice,
+    /// Do not tell the method where the camera stood: a scan whose sensor is not known.
+    #[arg(long, conflicts_with = "baselines")]
+    camera_unknown: bool,
     /// Print every vertebra that is invalid or rejected, and every scenario that was refused.
     #[arg(long)]
     explain: bool,
@@ -314,7 +317,11 @@ impl Arguments {
                                 &case,
                                 &model,
                                 scenario,
-                                (another.as_ref(), self.camera_noise.law()),
+                                score::Conditions {
+                                    another: another.as_ref(),
+                                    camera_noise: self.camera_noise.law(),
+                                    is_camera_unknown: self.camera_unknown,
+                                },
                             );
                             bar.inc(1);
                             score

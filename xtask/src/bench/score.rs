@@ -65,6 +65,16 @@ pub(super) struct ScenarioScore {
     pub(super) refusal: Option<String>,
 }
 
+/// What a target is, and what the method is not told of it.
+#[derive(Clone, Copy)]
+pub(super) struct Conditions<'a> {
+    /// Whose bones it shows, if not those of the plan.
+    pub(super) another: Option<&'a Case>,
+    pub(super) camera_noise: CameraNoise,
+    /// Whether the method does not know where the camera stood.
+    pub(super) is_camera_unknown: bool,
+}
+
 /// Simulates a scenario, runs the pipeline on it and compares with the truth. A scenario that the
 /// pipeline refuses is a result too: nothing of it is valid or accepted. Of the target of another patient
 /// no pose is valid.
@@ -72,10 +82,15 @@ pub(super) fn run(
     case: &Case,
     model: &SpineModel,
     scenario: &SuiteScenario,
-    (another, camera_noise): (Option<&Case>, CameraNoise),
+    conditions: Conditions<'_>,
 ) -> Result<ScenarioScore, XtaskError> {
-    let simulated = simulate_suite_with(&another.unwrap_or(case).spine, scenario, camera_noise)?;
-    let target = target_of(&simulated);
+    let another = conditions.another;
+    let of = &another.unwrap_or(case).spine;
+    let simulated = simulate_suite_with(of, scenario, conditions.camera_noise)?;
+    let mut target = target_of(&simulated);
+    if conditions.is_camera_unknown {
+        target.view = None;
+    }
     let options = TransferOptions {
         seed: scenario.seed,
         ..TransferOptions::default()
