@@ -25,7 +25,7 @@ use rand_distr::{Distribution, StandardNormal};
 
 use crate::SpineError;
 use crate::bone::BoneSurface;
-use crate::facing::{FacingPoint, agreement, is_away};
+use crate::facing::{FIRST_FACING_AWAY, FacingPoint, agreement, probably_away};
 use crate::local_shape::tree_of;
 use crate::seen_edge::SeenEdge;
 use pedicle_registration::ReferenceSurface;
@@ -204,10 +204,12 @@ impl BlurredBone {
         n_shown
     }
 
-    /// How probably a point faces away from the place that it shows; none of a point of which it is not known.
-    pub(crate) fn facing_away(&self, said: &Said<'_>) -> Option<f64> {
+    /// How probably a point is one of those that face away from the place that they show; none of a point of which it is not known where it faces.
+    pub(crate) fn facing_away(&self, said: &Said<'_>, blur: &Blur) -> Option<f64> {
         let normal = said.point.normal?;
-        let away = |&(j, r): &(u32, f64)| r * is_away(&normal, &self.normals[j as usize]);
+        let away = |&(j, r): &(u32, f64)| {
+            r * probably_away(&normal, &self.normals[j as usize], blur.facing_away)
+        };
         Some(said.shown.iter().map(away).sum())
     }
 
@@ -217,7 +219,7 @@ impl BlurredBone {
             sigma_mm,
             weights: vec![1.0; self.n_regions()],
             edge,
-            facing_away: 0.5,
+            facing_away: FIRST_FACING_AWAY,
         }
     }
 

@@ -8,6 +8,9 @@
 //! points themselves, Σ g gᵀ with g = ∂ log p / ∂(T, σ, b) (Berndt et al. 1974); the inverse of it, the weights among the unknowns, is
 //! the covariance.
 //!
+//! Where points face ([`crate::facing`]) tells which places they show, and no more: that the normals turn with the pose is left out of g, and ε is no unknown of the covariance, so that with
+//! normals neither is exact. How honest it is then is measured (docs/verdict.md).
+//!
 //! y and T in the target frame, mm and rad.
 
 use nalgebra::{
@@ -174,7 +177,7 @@ impl BlurredBone {
             let n_shown =
                 self.each_said(points.iter().map(|y| y.placed(&inverse)), &blur, |said| {
                     self.add_regions(said.shown, &mut explained);
-                    if let Some(facing_away) = self.facing_away(said) {
+                    if let Some(facing_away) = self.facing_away(said, &blur) {
                         away = (away.0 + facing_away, away.1 + 1.0);
                     }
                     let all = self.said_of_step(said, &blur, &mean);
@@ -197,7 +200,9 @@ impl BlurredBone {
             blur.edge = blur.edge.map(|edge| self.edge_moved(edge, &of_edge));
             let most = MAX_CHANGE_OF_SIGMA * blur.sigma_mm;
             blur.sigma_mm += step[6].clamp(-most, most);
-            blur.facing_away = share_facing_away(away);
+            let facing_away = share_facing_away(away);
+            let turned_points = (facing_away - blur.facing_away).abs() * away.1;
+            blur.facing_away = facing_away;
             let changed_points = self.weigh(&mut blur, &explained, (points.len(), alike_points));
             let change = pose_error(&pose, start, &self.center);
             let is_near =
@@ -207,7 +212,7 @@ impl BlurredBone {
             }
             let n_free = if blur.edge.is_some() { N_STEP } else { N_FREE };
             let is_settled = score.dot(&whole_step) <= SETTLED * SETTLED * n_free as f64;
-            if is_settled && changed_points <= SETTLED_POINTS {
+            if is_settled && changed_points <= SETTLED_POINTS && turned_points <= SETTLED_POINTS {
                 return Some((pose, blur));
             }
         }

@@ -11,6 +11,7 @@ use crate::blurred_bone::BLURRED_FROM_MM;
 use crate::bone::BoneSurface;
 use crate::enlarged::enlarged;
 use crate::explained::Explained;
+use crate::facing::turned_outwards;
 use crate::likeliest::{Likeliest, likeliest_pose};
 use crate::misfit::{Misfit, misfit, misfit_along_rays};
 use crate::model::Vertebra;
@@ -170,13 +171,15 @@ pub(crate) fn finish(
         .map(|fit| fit.as_ref().map_or(noise_mm, |fit| fit.noise_mm))
         .collect();
     let likeliest = if is_blurred {
+        let points = lists.iter().map(|own| target.select(own)).collect();
+        let placed: Vec<_> = bones.iter().copied().zip(&poses).collect();
+        let points = turned_outwards(points, &placed);
         vertebrae
             .par_iter()
             .zip(&mut refinements)
             .zip(&mut poses)
-            .zip(&lists)
-            .map(|(((vertebra, refinement), pose), own)| {
-                let points = target.select(own);
+            .zip(points)
+            .map(|(((vertebra, refinement), pose), points)| {
                 likeliest_pose(vertebra, &points, (refinement, pose), asks_for_shape)
             })
             .collect::<Result<Vec<_>, SpineError>>()?

@@ -217,7 +217,7 @@ mod tests {
     }
 
     fn behind(share: f64) -> Rejection {
-        Rejection::BehindBone { share, max: 0.025 }
+        Rejection::BehindBone { share, max: 0.012 }
     }
 
     fn rival(margin: f64) -> Rejection {
@@ -286,7 +286,7 @@ mod tests {
     fn doubts_in_words_ask_for_nothing() {
         let words = in_words(&rival(0.09));
         assert_eq!(words, "the next best pose is 9.0 % worse (limit 10.0 %)");
-        for doubt in [position(0.42), rival(0.14), noisier(0.55)] {
+        for doubt in [position(0.42), rival(0.09), noisier(0.55)] {
             let words = in_words(&doubt);
             assert!(words.contains("limit") && !words.contains('?'), "{words}");
         }
@@ -295,15 +295,15 @@ mod tests {
     #[test]
     fn what_may_harm_is_never_outweighed() {
         let breach = Rejection::BreachLikely {
-            probability: 0.00101,
-            max: 0.001,
+            probability: 0.00251,
+            max: 0.0025,
         };
         let levels = Rejection::LevelAmbiguous {
             margin: 0.149,
-            min: 0.1,
+            min: 0.15,
         };
         assert!(!is_outweighed(&[breach]));
-        assert!(!is_outweighed(&[behind(0.0251)]));
+        assert!(!is_outweighed(&[behind(0.0121)]));
         assert!(!is_outweighed(&[levels]));
     }
 }

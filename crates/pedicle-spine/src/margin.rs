@@ -4,8 +4,8 @@
 //! P(|x| > m) = ⟨ P(χ₃ > m / |L u|) ⟩ over the sphere,   x ~ N(0, L Lᵀ),   P(χ₃ > t) = 2 Q(t) + 2 t φ(t)
 //! ```
 //!
-//! The worst direction alone does not tell how probably an error is beyond a margin: of deviations that are alike in all three directions four times as many are as of one
-//! that is as large in one of them. Lengths in mm, angles in rad.
+//! The worst direction alone does not tell how probably an error is beyond a margin: four deviations that are alike in all three directions are beyond it eighteen times as often as one
+//! that is as large in one of them alone. Lengths in mm, angles in rad.
 
 use nalgebra::{Matrix3, SymmetricEigen};
 use pedicle_registration::PoseCovariance;
@@ -18,8 +18,8 @@ pub(crate) const MARGIN_RAD: f64 = 0.123_918;
 /// Places of an eighth of the sphere: along its axis and around it.
 const N_ALONG: usize = 32;
 const N_AROUND: usize = 8;
-/// The worst deviation allowed is at most so many times that of alike ones, and found by so many halvings.
-const MOST_TIMES: f64 = 8.0;
+/// The worst deviation allowed is at most so many times that of alike ones, whatever that is, and found by so many halvings.
+const MOST_TIMES: f64 = 1.23;
 const N_HALVINGS: usize = 30;
 
 /// Standard deviations along the principal axes.
@@ -76,7 +76,7 @@ impl Spread {
     }
 
     /// How large the worst deviation may be: so that, in the proportions of these, an error beyond the margin is as probable as with deviations of `alike` in every
-    /// direction. Not less than `alike`.
+    /// direction. Not less than `alike`, and not more than 1.23 times as much.
     pub(crate) fn worst_allowed(&self, margin: f64, alike: f64) -> f64 {
         let worst = self.worst();
         // Nothing to ask; a NaN is not allowed whatever the limit.

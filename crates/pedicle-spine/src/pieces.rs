@@ -31,14 +31,15 @@ impl FinePoints {
             facing: self.facing.iter().step_by(stride).copied().collect(),
         }
     }
-}
 
-impl FinePoints {
     /// Some of the points.
     pub(crate) fn select(&self, chosen: &[u32]) -> Vec<FacingPoint> {
         let point = |&p: &u32| FacingPoint {
             position: self.points.positions[p as usize],
-            normal: self.facing.get(p as usize).copied().flatten(),
+            // A cloud faces nowhere.
+            normal: (!self.facing.is_empty())
+                .then(|| self.facing[p as usize])
+                .flatten(),
         };
         chosen.iter().map(point).collect()
     }
@@ -80,6 +81,7 @@ pub(crate) fn settle_pieces(owners: &mut [u8], target: &FinePoints, n_vertebrae:
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::Point3;
 
     /// What becomes of one piece whose points lie nearest to the vertebrae given.
     fn settled(owners: &[u8]) -> Vec<u8> {
@@ -92,6 +94,37 @@ mod tests {
         };
         settle_pieces(&mut owners, &target, 3);
         owners
+    }
+
+    #[test]
+    fn points_that_are_chosen_keep_where_they_face() {
+        let numbers = 0..12u32;
+        let target = FinePoints {
+            points: PointSet {
+                positions: numbers
+                    .clone()
+                    .map(|k| Point3::new(f64::from(k), 0.0, 0.0))
+                    .collect(),
+                ..PointSet::default()
+            },
+            piece: vec![0; 12],
+            n_pieces: 1,
+            facing: numbers
+                .map(|k| (k != 6).then(|| Vector3::new(0.0, f64::from(k), 1.0)))
+                .collect(),
+        };
+        let few = target.every(3);
+        let chosen = few.select(&[3, 1, 2]);
+        let places: Vec<f64> = chosen.iter().map(|p| p.position.x).collect();
+        assert_eq!(places, [9.0, 3.0, 6.0]);
+        let normals: Vec<Option<f64>> = chosen.iter().map(|p| Some(p.normal?.y)).collect();
+        assert_eq!(normals, [Some(9.0), Some(3.0), None]);
+        let cloud = FinePoints {
+            facing: Vec::new(),
+            n_pieces: 0,
+            ..target
+        };
+        assert!(cloud.select(&[0, 5]).iter().all(|p| p.normal.is_none()));
     }
 
     #[test]

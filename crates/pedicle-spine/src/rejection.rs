@@ -200,7 +200,7 @@ impl std::fmt::Display for Rejection {
             ),
             Self::BreachLikely { probability, max } => write!(
                 f,
-                "a planned screw breaches the cortex with a probability of {:.1} % (at most {:.1} %)",
+                "a planned screw breaches the cortex with a probability of {:.2} % (at most {:.2} %)",
                 100.0 * probability,
                 100.0 * max
             ),
@@ -309,13 +309,13 @@ impl std::fmt::Display for Rejection {
             ),
             Self::BehindBone { share, max } => write!(
                 f,
-                "{:.1} % of what was measured on the bone lies behind it (at most {:.1} %): is this the right level?",
+                "{:.2} % of what was measured on the bone lies behind it (at most {:.2} %): is this the right level?",
                 100.0 * share,
                 100.0 * max
             ),
             Self::BehindSpine { share, max } => write!(
                 f,
-                "of most vertebrae {:.1} % and more of what was measured on them lies behind them (at most {:.1} %): \
+                "of most vertebrae {:.2} % and more of what was measured on them lies behind them (at most {:.2} %): \
                  is this the right patient?",
                 100.0 * share,
                 100.0 * max

@@ -47,8 +47,6 @@ const SHARE_RANGE: (f64, f64) = (0.3, 0.98);
 const SURFACE_MM: f64 = 0.12;
 /// Least cosine of the angle between the normal of the points around one and of the bone.
 const LEAST_AGREEMENT: f64 = 0.6;
-/// Variance of a median over that of a mean of as many normal numbers.
-const MEDIAN_TO_MEAN: f64 = std::f64::consts::FRAC_PI_2;
 /// Patches farther behind the bone than this many standard deviations of their median contradict it.
 const BEHIND_IN_SIGMA: f64 = 3.0;
 /// Steps of the first fit, and where its weights fall to zero in standard deviations.
@@ -346,7 +344,7 @@ fn scatter_mm(noise_mm: f64, n: f64) -> f64 {
 fn behind_share(medians: impl Iterator<Item = (f64, f64)>, noise_mm: f64) -> f64 {
     let (mut n_behind, mut n_on) = (0.0, 0.0);
     for (median, n) in medians {
-        let limit_mm = BEHIND_IN_SIGMA * scatter_mm(noise_mm, n / MEDIAN_TO_MEAN);
+        let limit_mm = BEHIND_IN_SIGMA * scatter_mm(noise_mm, n_of_median(n));
         if median < -limit_mm {
             n_behind += 1.0;
         } else if median <= limit_mm {
@@ -354,6 +352,11 @@ fn behind_share(medians: impl Iterator<Item = (f64, f64)>, noise_mm: f64) -> f64
         }
     }
     n_behind / (n_behind + n_on)
+}
+
+/// Of how many normal numbers the mean scatters as the median of n does: π/2 times fewer of many, of one itself.
+fn n_of_median(n: f64) -> f64 {
+    (n - 1.0) / std::f64::consts::FRAC_PI_2 + 1.0
 }
 
 /// Root mean square of the residuals, weighed, mm; NaN of none.
@@ -487,6 +490,15 @@ mod tests {
             patch_medians(&seen, &patches).into_iter().flatten(),
             noise_mm,
         )
+    }
+
+    #[test]
+    fn medians_scatter_as_means_of_fewer_numbers() {
+        // Variances of medians of n normal numbers.
+        for (n, variance) in [(1.0, 1.0), (3.0, 0.4487), (5.0, 0.2868)] {
+            let told = 1.0 / n_of_median(n);
+            assert!((told / variance - 1.0).abs() < 0.03, "{told} of {n}");
+        }
     }
 
     #[test]

@@ -194,6 +194,7 @@ mod tests {
     use crate::margin::Spread;
     use crate::misfit::Misfit;
     use crate::verdict_noise::second_smallest;
+    use nalgebra::{Matrix3, Vector3};
 
     /// Makes one figure of good evidence bad.
     type Spoil = Box<dyn Fn(&mut Evidence)>;
@@ -264,6 +265,51 @@ mod tests {
             words.contains("at most 1.10 mm") && words.contains("4 pixels"),
             "{words}"
         );
+    }
+
+    #[test]
+    fn deviations_are_held_against_the_margins_in_all_directions() {
+        let along = |worst: f64| {
+            Spread::of(&Matrix3::from_diagonal(&Vector3::new(
+                0.0,
+                worst * worst,
+                0.0,
+            )))
+        };
+        let n_reasons = |deviations: Deviations, tells_tissue: bool| {
+            let evidence = Evidence {
+                deviations: Some(deviations),
+                tells_tissue,
+                ..good()
+            };
+            rejections(&evidence, &VerdictOptions::default()).len()
+        };
+        let position = |position_mm: Spread, tells_tissue| {
+            n_reasons(
+                Deviations {
+                    position_mm,
+                    ..GOOD
+                },
+                tells_tissue,
+            )
+        };
+        assert_eq!(position(along(0.755), false), 0, "in one direction");
+        assert_eq!(position(along(0.77), false), 1);
+        assert_eq!(position(Spread::alike(0.615), false), 0, "in all");
+        assert_eq!(position(Spread::alike(0.63), false), 1);
+        assert_eq!(position(along(0.57), true), 0, "along rays");
+        assert_eq!(position(along(0.59), true), 1);
+        let orientation = |degrees: f64| {
+            let orientation_rad = along(degrees.to_radians());
+            n_reasons(
+                Deviations {
+                    orientation_rad,
+                    ..GOOD
+                },
+                false,
+            )
+        };
+        assert_eq!((orientation(2.13), orientation(2.2)), (0, 1));
     }
 
     #[test]
@@ -464,7 +510,7 @@ mod tests {
                 }),
             ),
             (
-                "4.0 % of what was measured on the bone lies behind it",
+                "4.00 % of what was measured on the bone lies behind it",
                 Box::new(|e| {
                     (e.is_from_camera, e.bare_area_mm2) = (true, Some(1500.0));
                     e.behind_share = Some(0.04);

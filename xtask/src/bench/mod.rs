@@ -112,8 +112,8 @@ pub(crate) struct Arguments {
         conflicts_with = "baselines"
     )]
     camera_noise: CameraNoiseChoice,
-    /// Do not tell the method where the camera stood: a scan whose sensor is not known.
-    #[arg(long, conflicts_with = "baselines")]
+    /// Do not tell the method where the camera stood: what a scan of an unknown sensor does to the figures of `sensor`. Not held against gates.
+    #[arg(long, conflicts_with_all = ["baselines", "update_gates"])]
     camera_unknown: bool,
     /// Print every vertebra that is invalid or rejected, and every scenario that was refused.
     #[arg(long)]
@@ -196,7 +196,10 @@ impl Arguments {
             }
             if *suite == Suite::Paper {
                 held &= self.judge(&outcome.name, &cells)?;
-            } else if !self.update_gates && self.camera_noise == CameraNoiseChoice::Grazing {
+            } else if !self.update_gates
+                && self.camera_noise == CameraNoiseChoice::Grazing
+                && !self.camera_unknown
+            {
                 let file = self.gate_file();
                 let missed = Gates::read(&file)?.missed_of_suite(&suite.to_string(), &cells);
                 for sentence in &missed {
@@ -350,6 +353,9 @@ impl Arguments {
         // Figures and gates are those of the suite's own law.
         if self.camera_noise != CameraNoiseChoice::Grazing {
             outcome.name = format!("{}, camera noise {}", outcome.name, self.camera_noise.law());
+        }
+        if self.camera_unknown {
+            outcome.name = format!("{}, camera unknown", outcome.name);
         }
         Ok(outcome)
     }

@@ -190,7 +190,7 @@ fn evidence(found: &VertebraTransfer, transfer: &Transfer) -> String {
     let change = transfer.shape_change;
     let larger = change.map_or([f64::NAN; 3], |c| c.larger.into());
     format!(
-        " [noise {:.2} of {:.2}, breach {breach}, misfit {:.2}, through {:.3}, hidden {:.2}, behind {:.3}, explained {:.2}, covers {:.2}, margin {:.2}, level {:.2}, sd {:.2} mm {:.2}°, n {}, bare {:.0} mm², log Bayes factor of another's bones {:.1}, of any {:.1} ({:.1} {:.1} {:.1} %), of this bone's {:.1}]",
+        " [noise {:.2} of {:.2}, breach {breach}, misfit {:.2}, through {:.3}, hidden {:.2}, behind {:.4}, explained {:.2}, covers {:.2}, margin {:.2}, level {:.2}, sd {:.2} mm {:.2}°, n {}, bare {:.0} mm², log Bayes factor of another's bones {:.1}, of any {:.1} ({:.1} {:.1} {:.1} %), of this bone's {:.1}]",
         found.noise_mm,
         transfer.sensor_noise_mm.unwrap_or(f64::NAN),
         found.misfit_mm,
