@@ -27,7 +27,7 @@ pub struct TrackerOptions {
     /// A vertebra lost for so many frames is not looked for any more: a new transfer is needed. Default 100.
     pub max_frames_lost: usize,
     /// What a fit has to show, as in a transfer. The plan, landmarks, other poses and the shape of the bones are not asked, so that less noise is allowed
-    /// than there: 1.5 mm of a camera and 2.3 mm without one, and smaller deviations: 0.6 mm and 1.5°; 3 % of the points may lie
+    /// than there: 1.5 mm of a camera and 2.3 mm without one, and smaller deviations: 0.6 mm and 1.5°; 6 % of the points may lie
     /// behind a bone.
     pub verdict: VerdictOptions,
     /// Seed of the choice of points.
@@ -48,7 +48,7 @@ impl Default for TrackerOptions {
             verdict: VerdictOptions {
                 max_noise_mm: 2.3,
                 max_noise_of_camera_mm: 1.5,
-                max_behind_share: 0.03,
+                max_behind_share: 0.06,
                 max_translation_std_mm: 0.6,
                 max_rotation_std_rad: 0.027,
                 ..VerdictOptions::default()
