@@ -19,6 +19,7 @@
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::{Point3, SVector, Vector3};
+use pedicle_registration::ReferenceSurface;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -28,7 +29,6 @@ use crate::bone::BoneSurface;
 use crate::facing::{FIRST_FACING_AWAY, FacingPoint, agreement, probably_away};
 use crate::local_shape::tree_of;
 use crate::seen_edge::SeenEdge;
-use pedicle_registration::ReferenceSurface;
 
 /// From this noise on points are fitted to the density, mm: below, the closest places tell as much.
 pub(crate) const BLURRED_FROM_MM: f64 = 0.75;

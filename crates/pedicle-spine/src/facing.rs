@@ -13,7 +13,7 @@
 //! tells how much likelier it is there than if it faced anywhere; the mean of f over all directions is 1. It asks for the side alone, because normals of noisy faces are rough. ε is the share of
 //! points that face away from the bone; it is found from the points, and is 1/2 at most, where normals tell nothing. Which way the faces of a mesh are turned, all bones tell together.
 //!
-//! A mesh tells on which side of a thin bone a noisy point lies: A is the vector area of the faces about a vertex. Where the ring about it is closed it alone gives it, whatever the noise of the vertex itself; at the border of an open mesh that counts as well.
+//! A mesh tells on which side of a thin bone a noisy point lies: A is the vector area of the faces about a vertex, n its normal weighed by areas ([`TriMesh::vertex_normals`]). Where the ring about it is closed it alone gives it, whatever the noise of the vertex itself; at the border of an open mesh that counts as well.
 //!
 //! mm.
 
@@ -32,8 +32,6 @@ const LEAST_FACING_AWAY: f64 = 0.02;
 pub(crate) const FIRST_FACING_AWAY: f64 = 0.2;
 /// Faces are all turned one way if this share of the points agrees with the closest places of the bones.
 const LEAST_AGREEING: f64 = 0.6;
-/// Areas that add up to less than this part of themselves face nowhere.
-const LEAST_OF_AREA: f64 = 1e-9;
 
 /// A point and the unit normal of the surface about it, if that is known.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -61,28 +59,16 @@ impl FacingPoint {
     }
 }
 
-/// The normals of the vertices of a mesh, from the rings about them.
+/// Where the surface of a mesh faces at its vertices; none where the faces about one have no area.
 pub(crate) fn facing(mesh: &TriMesh) -> Vec<Option<Vector3<f64>>> {
-    let mut areas = vec![(Vector3::zeros(), 0.0); mesh.n_vertices()];
-    for face in mesh.faces() {
-        let [a, b, c] = face.map(|v| mesh.vertices()[v as usize]);
-        let area = (b - a).cross(&(c - a)) * 0.5;
-        for &v in face {
-            areas[v as usize].0 += area;
-            areas[v as usize].1 += area.norm();
-        }
-    }
-    areas
-        .into_iter()
-        .map(|(area, sum)| {
-            let faces_somewhere = area.norm() > LEAST_OF_AREA * sum;
-            faces_somewhere.then(|| area.normalize())
-        })
+    let normals = mesh.vertex_normals().into_iter();
+    normals
+        .map(|n| (n != Vector3::zeros()).then_some(n))
         .collect()
 }
 
 /// Nearly 1 where two normals point to opposite sides, nearly 0 where they point to the same: a.
-pub(crate) fn is_away(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
+fn is_away(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
     1.0 / (1.0 + (a.dot(b) / SOFT_SIDE).exp())
 }
 

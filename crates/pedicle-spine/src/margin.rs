@@ -7,7 +7,7 @@
 //! The worst direction alone does not tell how probably an error is beyond a margin: four deviations that are alike in all three directions are beyond it eighteen times as often as one
 //! that is as large in one of them alone. Lengths in mm, angles in rad.
 
-use nalgebra::{Matrix3, SymmetricEigen};
+use nalgebra::Matrix3;
 use pedicle_registration::PoseCovariance;
 
 use crate::uncertainty::{density, upper_tail};
@@ -37,7 +37,7 @@ impl Spread {
         if !covariance.iter().all(|x| x.is_finite()) {
             return Self::alike(f64::NAN);
         }
-        let squares = SymmetricEigen::new(*covariance).eigenvalues;
+        let squares = covariance.symmetric_eigenvalues();
         Self(squares.map(|x| if x > 0.0 { x.sqrt() } else { 0.0 }).into())
     }
 

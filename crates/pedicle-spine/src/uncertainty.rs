@@ -9,7 +9,7 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use nalgebra::{Isometry3, Matrix3, Rotation3, Unit, Vector3};
+use nalgebra::{Isometry3, Rotation3, Unit, Vector3};
 use pedicle_mesh::{SurfaceIndex, TriMesh};
 use pedicle_registration::PoseCovariance;
 use pedicle_trajectory::{
@@ -18,6 +18,7 @@ use pedicle_trajectory::{
 };
 
 use crate::breach::{Room, Wall, breach_probability};
+use crate::margin::Spread;
 
 /// Depth of the isthmus below the entry where it cannot be measured, mm: that of the published
 /// margins.
@@ -222,7 +223,7 @@ pub(crate) fn uncertainty(
     let room = shared.as_ref().as_ref();
     let depth_mm = room.map_or(ISTHMUS_DEPTH_MM, |room| room.isthmus_depth_mm);
     let isthmus = pose * (planned.entry_mm + planned.direction() * depth_mm);
-    let worst_at = |p| worst_deviation(&covariance.point_covariance(p));
+    let worst_at = |p| Spread::of(&covariance.point_covariance(p)).worst();
     TrajectoryUncertainty {
         entry_mm: worst_at(&(pose * planned.entry_mm)),
         isthmus_mm: worst_at(&isthmus),
@@ -258,15 +259,6 @@ pub(crate) fn lower_tail(z: f64) -> f64 {
 /// φ(z).
 pub(crate) fn density(z: f64) -> f64 {
     (-0.5 * z * z).exp() / std::f64::consts::TAU.sqrt()
-}
-
-/// Root of the largest eigenvalue.
-pub(crate) fn worst_deviation(covariance: &Matrix3<f64>) -> f64 {
-    if !covariance.iter().all(|x| x.is_finite()) {
-        return f64::NAN;
-    }
-    let largest = covariance.symmetric_eigenvalues().max();
-    if largest > 0.0 { largest.sqrt() } else { 0.0 }
 }
 
 #[cfg(test)]
@@ -319,7 +311,8 @@ mod tests {
             matrix,
             center: Point3::origin(),
         };
-        let at = |x: f64| worst_deviation(&covariance.point_covariance(&Point3::new(x, 0.0, 0.0)));
+        let at =
+            |x: f64| Spread::of(&covariance.point_covariance(&Point3::new(x, 0.0, 0.0))).worst();
         assert!(
             (at(10.0) - 0.1).abs() < 1e-12 && (at(50.0) - 0.5).abs() < 1e-12,
             "lever"
