@@ -103,6 +103,18 @@ pub(crate) fn behind_share(
     TissueMixture { seen, view, own }.behind_share(pose)
 }
 
+/// One vertebra fitted from a pose that is nearly right, with the points that meet it first and those of them that are nearly all bone. None
+/// where bare bone does not fix it.
+pub(crate) fn finished_alone(
+    vertebra: &Vertebra,
+    pose: &Isometry3<f64>,
+    lists: (&[u32], &[u32]),
+    view: (CameraView<'_>, PointArea),
+) -> Option<(Isometry3<f64>, SeenFromCamera)> {
+    let fit = among_tissue(SeenBone::of(vertebra), pose, lists, view)?;
+    Some((fit.target_from_source, fit.seen))
+}
+
 /// The three fits. The covariance holds the square of the way to the last one: where the choice of points moves the
 /// pose, it is not known better than that.
 fn among_tissue(

@@ -90,6 +90,7 @@ mod search;
 mod search_levels;
 mod search_mix;
 mod search_repair;
+mod second_look;
 mod seen_bone;
 mod seen_edge;
 mod sensor;

@@ -80,6 +80,7 @@ impl<'a> Rivals<'a> {
                     .collect()
             })
             .collect();
+        let origins = found.configuration.origins.clone();
         for (v, all) in judged.iter().enumerate() {
             let Some((kept, score)) = all.first() else {
                 continue;
@@ -97,6 +98,12 @@ impl<'a> Rivals<'a> {
             } else {
                 found.configuration.poses[v] = *kept;
             }
+            let origin = |i: usize| match i {
+                0 => origins[v],
+                _ => found.alternatives[v][i - 1].0,
+            };
+            let lost = (0..all.len()).filter(|i| *i != winner.0);
+            found.alternatives[v] = lost.map(|i| (origin(i), all[i].0)).collect();
             for (other, score) in all {
                 let is_other = crate::search::is_distinct(&self.vertebrae[v], other, &pose);
                 let margin = if most > 0.0 { 1.0 - score / most } else { 0.0 };

@@ -19,6 +19,7 @@ use crate::prepare::prepare;
 use crate::rejection::Rejection;
 use crate::rivals::Rivals;
 use crate::search::Search;
+use crate::second_look::SecondLook;
 use crate::sensor::Sensor;
 use crate::starts::StartScene;
 use crate::{
@@ -280,6 +281,17 @@ pub fn transfer_with_progress(
         _ => found,
     };
     let fit = finish(&model.vertebrae, fine, &found.configuration.poses, &sensor)?;
+    let (found, fit) = match free_space {
+        Some(_) => SecondLook {
+            vertebrae: &model.vertebrae,
+            target: fine,
+            sensor: &sensor,
+            search: &search,
+            options: &options.verdict,
+        }
+        .taken(found, fit)?,
+        None => (found, fit),
+    };
     let conclusion = Conclusion {
         model,
         plan,

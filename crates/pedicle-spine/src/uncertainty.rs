@@ -9,7 +9,7 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use nalgebra::{Isometry3, Rotation3, Unit, Vector3};
+use nalgebra::{Isometry3, Rotation3, Translation3, Unit, UnitQuaternion, Vector3, Vector6};
 use pedicle_mesh::{SurfaceIndex, TriMesh};
 use pedicle_registration::PoseCovariance;
 use pedicle_trajectory::{
@@ -135,6 +135,15 @@ impl Anatomy {
         })
     }
 
+    /// Whether a screw stays within the cortex; one that cannot be checked does not.
+    fn is_valid(&self, screw: &Trajectory, frame: &AnatomicalFrame) -> bool {
+        self.pedicle(screw.side).is_some_and(|pedicle| {
+            let options = CheckOptions::default();
+            check_trajectory(screw, &self.surface, pedicle, frame, &options)
+                .is_ok_and(|check| check.valid)
+        })
+    }
+
     /// The cortex around one place of the axis.
     fn walls(&self, planned: &Trajectory, axis: &Vector3<f64>, depth_mm: f64) -> Vec<Wall> {
         let point = planned.entry_mm + axis * depth_mm;
@@ -203,12 +212,26 @@ struct ScrewRoom {
 }
 
 impl ScrewRoom {
-    fn breach_probability(&self, pose: &Isometry3<f64>, covariance: &PoseCovariance) -> f64 {
+    /// `is_valid` tells it of a screw in the source frame.
+    fn breach_probability(
+        &self,
+        planned: &Trajectory,
+        (pose, covariance): (&Isometry3<f64>, &PoseCovariance),
+        is_valid: impl Fn(&Trajectory) -> bool,
+    ) -> f64 {
         if self.clearance_mm < 0.0 {
             return 1.0;
         }
         let walls: Vec<Wall> = self.walls.iter().map(|wall| wall.placed(pose)).collect();
-        breach_probability(&walls, covariance)
+        let center = covariance.center.coords;
+        let source_from_target = pose.inverse();
+        let breaches = |error: &Vector6<f64>| {
+            let turn = UnitQuaternion::from_scaled_axis(error.fixed_rows::<3>(0).into_owned());
+            let shift = error.fixed_rows::<3>(3).into_owned();
+            let moved = Translation3::from(center + shift) * turn * Translation3::from(-center);
+            !is_valid(&planned.transformed(&(source_from_target * moved * pose)))
+        };
+        breach_probability(&walls, covariance, &breaches)
     }
 }
 
@@ -229,7 +252,10 @@ pub(crate) fn uncertainty(
         isthmus_mm: worst_at(&isthmus),
         tip_mm: worst_at(&(pose * planned.tip_mm)),
         planned_clearance_mm: room.map_or(f64::NAN, |room| room.clearance_mm),
-        breach_probability: room.map_or(f64::NAN, |room| room.breach_probability(pose, covariance)),
+        breach_probability: room.map_or(f64::NAN, |room| {
+            let is_valid = |screw: &Trajectory| anatomy.is_valid(screw, frame);
+            room.breach_probability(planned, (pose, covariance), is_valid)
+        }),
     }
 }
 

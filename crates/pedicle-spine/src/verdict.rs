@@ -1,6 +1,7 @@
 //! Whether the transfer of a vertebra can be vouched for, and if not, why.
 
 use crate::VerdictOptions;
+use crate::along_rays::SeenFromCamera;
 use crate::evidence::{Deviations, Evidence};
 use crate::margin::{MARGIN_MM, MARGIN_RAD};
 use crate::misfit::PATCH_MM;
@@ -175,6 +176,13 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
         );
     }
     found
+}
+
+/// Whether a camera saw too much behind a bone.
+pub(crate) fn is_contradicted(seen: &SeenFromCamera, options: &VerdictOptions) -> bool {
+    let max = max_behind_share(Some(seen.bare_area_mm2), options);
+    // A NaN is no share.
+    seen.behind_share.is_nan() || seen.behind_share > max
 }
 
 /// The less bone was seen, the less of what was measured may lie behind it: half as much on the first area as on the second and more, mm².

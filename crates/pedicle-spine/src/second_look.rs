@@ -1,0 +1,207 @@
+//! A second look at what a camera contradicts.
+//!
+//! ```text
+//! b(T) = share of what was measured on or behind the bone in pose T that lies behind it,   T contradicted if b(T) > b_max
+//! ```
+//!
+//! The search and [`crate::rivals`] compare poses by what lies near them, and tissue lies near wrong ones. What lies behind a bone, which would have hidden it, is told of
+//! a pose that was fitted along the rays. So once all poses are fitted so,
+//!
+//! - a vertebra whose pose is contradicted gets one of those that lost, or the one in which its neighbours put it, if that is not;
+//! - a pose that fits nearly as well is no rival if it leads to the same, or is contradicted.
+//!
+//! Poses target from source, mm.
+
+use nalgebra::Isometry3;
+
+use crate::along_rays::{SeenFromCamera, finished_alone};
+use crate::bare_bone::BareBone;
+use crate::bone::BoneSurface;
+use crate::finish::{SpineFit, finish};
+use crate::hypotheses::{Configuration, Origin};
+use crate::model::Vertebra;
+use crate::pieces::FinePoints;
+use crate::scoring::{ScoreTable, points_of};
+use crate::search::{Found, Search, is_distinct};
+use crate::seen_bone::first_met;
+use crate::sensor::Sensor;
+use crate::tissue_mixture::reach_mm;
+use crate::verdict::is_contradicted;
+use crate::{SpineError, VerdictOptions};
+
+/// Looks at most: what is found in one helps the next.
+const MAX_LOOKS: usize = 3;
+/// Points of a pose to look at are chosen as after so many rounds.
+const ROUND: usize = 6;
+
+/// What is looked at.
+pub(crate) struct SecondLook<'a> {
+    pub(crate) vertebrae: &'a [Vertebra],
+    pub(crate) target: &'a FinePoints,
+    pub(crate) sensor: &'a Sensor<'a>,
+    pub(crate) search: &'a Search<'a>,
+    pub(crate) options: &'a VerdictOptions,
+}
+
+/// A pose fitted along the rays.
+struct Looked {
+    pose: Isometry3<f64>,
+    seen: SeenFromCamera,
+}
+
+impl SecondLook<'_> {
+    /// The fit, or another one in which fewer vertebrae are contradicted; and what was found, with margins over poses that are not.
+    pub(crate) fn taken(
+        &self,
+        mut found: Found,
+        mut fit: SpineFit,
+    ) -> Result<(Found, SpineFit), SpineError> {
+        let mut replaced = vec![false; self.vertebrae.len()];
+        for _ in 0..MAX_LOOKS {
+            let Some((again, other, changed)) = self.replaced(&found, &fit)? else {
+                break;
+            };
+            (found, fit) = (again, other);
+            for v in changed {
+                replaced[v] = true;
+            }
+        }
+        if replaced.contains(&true) {
+            let margin = self
+                .search
+                .level_margin(&found.configuration, &found.other_levels);
+            found.level_margin = margin.unwrap_or(found.level_margin);
+        }
+        let poses: Vec<Isometry3<f64>> = poses_of(&fit);
+        for (v, &replaced) in replaced.iter().enumerate() {
+            let least = self.options.min_alternative_margin_of_camera;
+            if fit.fits[v].seen.is_none() || (!replaced && found.alternative_margins[v] >= least) {
+                continue;
+            }
+            let is_rival = |(_, start): &(Origin, Isometry3<f64>)| {
+                self.look(v, start, &poses, &fit).is_none_or(|looked| {
+                    is_distinct(&self.vertebrae[v], &looked.pose, &poses[v])
+                        && !is_contradicted(&looked.seen, self.options)
+                })
+            };
+            if !found.alternatives[v].iter().any(is_rival) {
+                found.alternative_margins[v] = 1.0;
+            } else if replaced {
+                found.alternative_margins[v] = 0.0;
+            }
+        }
+        Ok((found, fit))
+    }
+
+    /// Another fit in which more vertebrae are sound, and which have other poses. None if there is none.
+    fn replaced(
+        &self,
+        found: &Found,
+        fit: &SpineFit,
+    ) -> Result<Option<(Found, SpineFit, Vec<usize>)>, SpineError> {
+        let sound = self.sound(fit);
+        let n_sound = sound.iter().filter(|sound| **sound).count();
+        if n_sound == 0 || n_sound == sound.len() {
+            return Ok(None);
+        }
+        let beside = self.beside_sound(fit, &sound);
+        let mut again = found.clone();
+        let mut poses = poses_of(fit);
+        let mut changed = Vec::new();
+        for v in (0..sound.len()).filter(|v| !sound[*v]) {
+            let kept = (
+                beside.configuration.origins[v],
+                beside.configuration.poses[v],
+            );
+            let starts = std::iter::once(kept)
+                .chain(beside.alternatives[v].iter().copied())
+                .chain(found.alternatives[v].iter().copied());
+            let looked = starts.filter_map(|(origin, start)| {
+                let looked = self.look(v, &start, &poses, fit)?;
+                self.is_sound(&looked.seen).then_some((origin, looked))
+            });
+            let best = looked
+                .max_by(|(_, a), (_, b)| a.seen.bare_area_mm2.total_cmp(&b.seen.bare_area_mm2));
+            let Some((origin, looked)) = best else {
+                continue;
+            };
+            again.alternatives[v].push((again.configuration.origins[v], poses[v]));
+            poses[v] = looked.pose;
+            again.configuration.origins[v] = origin;
+            changed.push(v);
+        }
+        if changed.is_empty() {
+            return Ok(None);
+        }
+        let other = finish(self.vertebrae, self.target, &poses, self.sensor)?;
+        let n_sound_now = self
+            .sound(&other)
+            .into_iter()
+            .filter(|sound| *sound)
+            .count();
+        again.configuration.poses = poses_of(&other);
+        Ok((n_sound_now > n_sound).then_some((again, other, changed)))
+    }
+
+    /// All vertebrae where those that are sound have them beside them.
+    fn beside_sound(&self, fit: &SpineFit, sound: &[bool]) -> Found {
+        let nearest = |v: usize| {
+            let all = (0..sound.len()).filter(|u| sound[*u]);
+            all.min_by_key(|u| u.abs_diff(v)).unwrap_or(v)
+        };
+        let poses = (0..sound.len()).map(|v| fit.fits[nearest(v)].target_from_source);
+        let mut spine = Configuration::new(Origin::Neighbour, poses.collect());
+        self.search
+            .refine_rounds(&mut spine, &self.search.options.gates_mm);
+        self.search.mix(spine, &[])
+    }
+
+    fn sound(&self, fit: &SpineFit) -> Vec<bool> {
+        let is_sound = |seen: &SeenFromCamera| self.is_sound(seen);
+        fit.fits
+            .iter()
+            .map(|fit| fit.seen.as_ref().is_some_and(is_sound))
+            .collect()
+    }
+
+    /// Enough of its bone was seen, and nothing behind it.
+    fn is_sound(&self, seen: &SeenFromCamera) -> bool {
+        seen.bare_area_mm2 >= self.options.min_bare_area_mm2 && !is_contradicted(seen, self.options)
+    }
+
+    /// A vertebra fitted from another pose among the others. None if that fixes none.
+    fn look(
+        &self,
+        v: usize,
+        start: &Isometry3<f64>,
+        poses: &[Isometry3<f64>],
+        fit: &SpineFit,
+    ) -> Option<Looked> {
+        let points = &self.target.points;
+        let view = self.sensor.view_of(&points.positions)?;
+        let area = self.sensor.picture?.area_of_point;
+        let vertebra = &self.vertebrae[v];
+        let mut poses = poses.to_vec();
+        poses[v] = *start;
+        let bones: Vec<&BoneSurface> = self.vertebrae.iter().map(|v| &v.bone).collect();
+        let gate_mm = self.sensor.gate_mm(fit.noise_mm);
+        let owners = ScoreTable::new(&bones, &poses, points, gate_mm).owners();
+        let mut bare = points_of(&owners, bones.len()).swap_remove(v);
+        let chosen = BareBone {
+            noise_mm: self.sensor.noise_mm,
+            is_from_camera: true,
+            gate_mm,
+            round: ROUND,
+        };
+        chosen.retain(&mut bare, &vertebra.bone, start, points);
+        let reach = (view.camera_mm, reach_mm(view.noise_mm));
+        let owners = first_met(self.vertebrae, &poses, view.positions, reach);
+        let own = points_of(&owners, bones.len()).swap_remove(v);
+        let (pose, seen) = finished_alone(vertebra, start, (&own, &bare), (view, area))?;
+        Some(Looked { pose, seen })
+    }
+}
+
+fn poses_of(fit: &SpineFit) -> Vec<Isometry3<f64>> {
+    fit.fits.iter().map(|fit| fit.target_from_source).collect()
+}
