@@ -11,7 +11,7 @@
 //!
 //! The w_j are one weight a region of some centimetres, for a target may show a part of the bone or one part more densely:
 //! each is the share of the points that its region explains over its share of the area. Where a target ends within regions, places have the weight v_j of
-//! [`crate::seen_edge`] as well: w_j is the product then. Their sum is 1.
+//! [`crate::seen_edge`] as well, and for vertices crowd where a bone bends, exp(a |b_j|) with b of [`crate::bends`]: w_j is the product. Their sum is 1.
 //!
 //! A mesh tells where its surface faces at a point, which tells the two sides of a thin bone apart: f is that of [`crate::facing`], of a cloud 1.
 //!
@@ -25,6 +25,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use crate::SpineError;
+use crate::bends::{Bends, CROWDED, N_BENDS};
 use crate::bone::BoneSurface;
 use crate::facing::{FIRST_FACING_AWAY, FacingPoint, agreement, probably_away};
 use crate::local_shape::tree_of;
@@ -52,12 +53,13 @@ pub(crate) type Free = SVector<f64, N_FREE>;
 /// The places of a bone and the regions they belong to.
 pub(crate) struct BlurredBone {
     pub(crate) places: Vec<Point3<f64>>,
+    /// How the surface bends there.
+    pub(crate) bends: Vec<[f64; N_BENDS]>,
     /// Unit normals of the surface there.
     normals: Vec<Vector3<f64>>,
     pub(crate) tree: ImmutableKdTree<f64, 3>,
     region: Vec<u32>,
-    /// Share of the places in every region.
-    share: Vec<f64>,
+    n_regions: usize,
     pub(crate) center: Point3<f64>,
 }
 
@@ -67,6 +69,10 @@ pub(crate) struct Blur {
     pub(crate) sigma_mm: f64,
     pub(crate) weights: Vec<f64>,
     pub(crate) edge: Option<SeenEdge>,
+    /// By how much more points crowd where the surface bends, a: places have the weight exp(a |b|) more. None where that is not asked.
+    pub(crate) crowding: Option<f64>,
+    /// That weight of each place.
+    pub(crate) crowded: Vec<f64>,
     /// Share of the points whose normal faces away from the bone where they lie, ε.
     pub(crate) facing_away: f64,
 }
@@ -82,7 +88,7 @@ pub(crate) struct Said<'a> {
 impl BlurredBone {
     /// For noise of about this size.
     pub(crate) fn new(
-        bone: &BoneSurface,
+        (bone, bends): (&BoneSurface, &Bends),
         area_mm2: f64,
         sigma_mm: f64,
     ) -> Result<Self, SpineError> {
@@ -90,7 +96,6 @@ impl BlurredBone {
         let n = (area_mm2 / (spacing_mm * spacing_mm)) as usize;
         let places = bone.spread_points(n.clamp(N_PLACES.0, N_PLACES.1));
         let mut keys: Vec<[i64; 3]> = Vec::new();
-        let mut n_in: Vec<usize> = Vec::new();
         let region = places
             .iter()
             .map(|p| {
@@ -99,15 +104,14 @@ impl BlurredBone {
                 let known = keys.iter().position(|k| *k == key);
                 let r = known.unwrap_or_else(|| {
                     keys.push(key);
-                    n_in.push(0);
                     keys.len() - 1
                 });
-                n_in[r] += 1;
                 r as u32
             })
             .collect();
         Ok(Self {
             tree: tree_of(&places)?,
+            bends: places.iter().map(|place| bends.at(place)).collect(),
             // One without a direction tells nothing.
             normals: places
                 .iter()
@@ -115,10 +119,7 @@ impl BlurredBone {
                 .map(|normal| normal.try_normalize(f64::MIN_POSITIVE).unwrap_or_default())
                 .collect(),
             region,
-            share: n_in
-                .iter()
-                .map(|&n| n as f64 / places.len() as f64)
-                .collect(),
+            n_regions: keys.len(),
             places,
             center: bone.centroid(),
         })
@@ -219,27 +220,55 @@ impl BlurredBone {
             sigma_mm,
             weights: vec![1.0; self.n_regions()],
             edge,
+            crowding: None,
+            crowded: vec![1.0; self.places.len()],
             facing_away: FIRST_FACING_AWAY,
         }
     }
 
     /// The weight of a place.
     pub(crate) fn weight(&self, blur: &Blur, place: usize) -> f64 {
-        let seen = blur.edge.as_ref().map_or(1.0, |edge| edge.seen(place));
-        seen * blur.weights[self.region[place] as usize]
+        self.weight_in_region(blur, place) * blur.weights[self.region[place] as usize]
     }
 
-    /// Share of what is seen of the bone in every region.
+    /// Its weight against others of the same region.
+    fn weight_in_region(&self, blur: &Blur, place: usize) -> f64 {
+        let seen = blur.edge.as_ref().map_or(1.0, |edge| edge.seen(place));
+        seen * blur.crowded[place]
+    }
+
+    /// Share of the points in every region if the weights of all were alike.
     pub(crate) fn shares(&self, blur: &Blur) -> Vec<f64> {
-        let Some(edge) = &blur.edge else {
-            return self.share.clone();
-        };
         let mut sums = vec![0.0; self.n_regions()];
         for (place, region) in self.region.iter().enumerate() {
-            sums[*region as usize] += edge.seen(place);
+            sums[*region as usize] += self.weight_in_region(blur, place);
         }
         let total: f64 = sums.iter().sum();
         sums.into_iter().map(|sum| sum / total).collect()
+    }
+
+    /// Changes by how much more points crowd where the surface bends, if that is asked.
+    pub(crate) fn crowd(&self, blur: &mut Blur, step: f64) {
+        let Some(crowding) = &mut blur.crowding else {
+            return;
+        };
+        *crowding += step;
+        for (crowded, bends) in blur.crowded.iter_mut().zip(&self.bends) {
+            *crowded = (*crowding * bends[CROWDED]).exp();
+        }
+    }
+
+    /// Mean over the density of how places bend; 0 where that is not asked.
+    pub(crate) fn mean_crowded(&self, blur: &Blur) -> f64 {
+        blur.crowding
+            .map_or(0.0, |_| self.mean(blur, |j| self.bends[j][CROWDED]))
+    }
+
+    /// ∂ log p / ∂a of a point that shows some places, given the mean over the density; 0 where that is not asked.
+    pub(crate) fn said_of_crowding(&self, blur: &Blur, shown: &[(u32, f64)], mean: f64) -> f64 {
+        let of_place = |&(j, r): &(u32, f64)| r * self.bends[j as usize][CROWDED];
+        blur.crowding
+            .map_or(0.0, |_| shown.iter().map(of_place).sum::<f64>() - mean)
     }
 
     /// Logarithm of the density of all points, up to a constant. A point that lies far from every place counts as if it were just within reach.
@@ -260,7 +289,7 @@ impl BlurredBone {
 
     /// How many regions have a weight.
     pub(crate) fn n_regions(&self) -> usize {
-        self.share.len()
+        self.n_regions
     }
 
     /// Adds the probability of every region to those of before: of the point, to show a place of it.

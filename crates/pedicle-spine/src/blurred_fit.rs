@@ -1,11 +1,11 @@
 //! The pose that makes a target's noisy points likeliest.
 //!
 //! ```text
-//! T, σ, w, b = argmax Σ_i log p(T⁻¹ y_i)
+//! T, σ, w, b, a = argmax Σ_i log p(T⁻¹ y_i)
 //! ```
 //!
 //! p is the density of [`crate::blurred_bone`]. Its maximum is found by scoring with the information of the
-//! points themselves, Σ g gᵀ with g = ∂ log p / ∂(T, σ, b) (Berndt et al. 1974); the inverse of it, the weights among the unknowns, is
+//! points themselves, Σ g gᵀ with g = ∂ log p / ∂(T, σ, b, a) (Berndt et al. 1974); the inverse of it, the weights among the unknowns, is
 //! the covariance.
 //!
 //! Where points face ([`crate::facing`]) tells which places they show, and no more: that the normals turn with the pose is left out of g, and ε is no unknown of the covariance, so that with
@@ -19,6 +19,7 @@ use nalgebra::{
 use pedicle_registration::{PoseCovariance, pose_error};
 
 use crate::blurred_bone::{Blur, BlurredBone, Free, N_FREE, RIDGE_POINTS, Said};
+use crate::deformation::RIDGE_OF_BENDS_POINTS;
 use crate::facing::{FacingPoint, share_facing_away};
 use crate::seen_edge::{N_EDGE, OfEdge, RIDGE_OF_EDGE};
 
@@ -49,8 +50,12 @@ const LEAST_GAIN_OF_EDGE: f64 = 2.0;
 /// Fewer regions than this above one do not tell whether all are alike.
 const LEAST_FREEDOM: f64 = 5.0;
 
-/// Unknowns of a step: turn, shift, σ and the edge.
-const N_STEP: usize = N_FREE + N_EDGE;
+/// Unknowns of a step: turn, shift, σ, the edge, and how points crowd.
+const N_STEP: usize = N_FREE + N_EDGE + 1;
+/// Number of how points crowd among them.
+const CROWDING: usize = N_FREE + N_EDGE;
+/// That changes by this in a step at most.
+const MAX_CHANGE_OF_CROWDING: f64 = 0.3;
 /// Derivatives by them.
 type OfStep = SVector<f64, N_STEP>;
 
@@ -72,7 +77,26 @@ impl BlurredBone {
         points: &[FacingPoint],
         noise_mm: f64,
     ) -> Option<BlurredFit> {
-        let (mut pose, mut blur) = self.fit_to_what_is_seen(start, points, noise_mm)?;
+        self.fitted(start, points, (noise_mm, None))
+    }
+
+    /// The same if points may crowd where the bone bends: poses are not better for it, but what is left tells more of the bone's shape.
+    pub(crate) fn fit_crowded(
+        &self,
+        start: &Isometry3<f64>,
+        points: &[FacingPoint],
+        noise_mm: f64,
+    ) -> Option<BlurredFit> {
+        self.fitted(start, points, (noise_mm, Some(0.0)))
+    }
+
+    fn fitted(
+        &self,
+        start: &Isometry3<f64>,
+        points: &[FacingPoint],
+        begin: (f64, Option<f64>),
+    ) -> Option<BlurredFit> {
+        let (mut pose, mut blur) = self.fit_to_what_is_seen(start, points, begin)?;
         let mut ridge_points = RIDGE_POINTS;
         if let Some(alike_points) = self.alike_points(&pose, &blur, points) {
             let again = (&pose, blur.clone());
@@ -93,9 +117,15 @@ impl BlurredBone {
         &self,
         start: &Isometry3<f64>,
         points: &[FacingPoint],
-        noise_mm: f64,
+        (noise_mm, crowding): (f64, Option<f64>),
     ) -> Option<(Isometry3<f64>, Blur)> {
-        let settled = |edge| self.settled(start, (start, self.even(noise_mm, edge)), points, None);
+        let settled = |edge| {
+            let blur = Blur {
+                crowding,
+                ..self.even(noise_mm, edge)
+            };
+            self.settled(start, (start, blur), points, None)
+        };
         let Some(edge) = self.found_edge(start, noise_mm, points) else {
             return settled(None);
         };
@@ -171,7 +201,7 @@ impl BlurredBone {
             let inverse = pose.inverse();
             let mut information = SMatrix::<f64, N_STEP, N_STEP>::zeros();
             let mut score = OfStep::zeros();
-            let mean = self.mean_by_edge(&blur);
+            let mean = (self.mean_by_edge(&blur), self.mean_crowded(&blur));
             let mut explained = vec![0.0; self.n_regions()];
             let mut away = (0.0, 0.0);
             let n_shown =
@@ -188,16 +218,20 @@ impl BlurredBone {
                 .edge
                 .as_ref()
                 .map_or(OfEdge::zeros(), |edge| edge.moved);
-            for (k, moved) in (N_FREE..N_STEP).zip(moved.iter()) {
+            for (k, moved) in (N_FREE..CROWDING).zip(moved.iter()) {
                 information[(k, k)] += RIDGE_OF_EDGE;
                 score[k] -= RIDGE_OF_EDGE * moved;
             }
+            information[(CROWDING, CROWDING)] += RIDGE_OF_BENDS_POINTS;
+            score[CROWDING] -= RIDGE_OF_BENDS_POINTS * blur.crowding.unwrap_or(0.0);
             let whole_step = information.cholesky()?.solve(&score);
             // Full steps may go to and fro between two poses.
             let step = whole_step * if k < FULL_STEPS { 1.0 } else { 0.5 };
             pose *= self.moved_by(&step.fixed_rows::<N_FREE>(0).into_owned());
             let of_edge = step.fixed_rows::<N_EDGE>(N_FREE).into_owned();
             blur.edge = blur.edge.map(|edge| self.edge_moved(edge, &of_edge));
+            let most = MAX_CHANGE_OF_CROWDING;
+            self.crowd(&mut blur, step[CROWDING].clamp(-most, most));
             let most = MAX_CHANGE_OF_SIGMA * blur.sigma_mm;
             blur.sigma_mm += step[6].clamp(-most, most);
             let facing_away = share_facing_away(away);
@@ -210,7 +244,8 @@ impl BlurredBone {
             if !is_near || (n_shown as f64) < LEAST_SHOWN * points.len() as f64 {
                 return None;
             }
-            let n_free = if blur.edge.is_some() { N_STEP } else { N_FREE };
+            let n_edge = if blur.edge.is_some() { N_EDGE } else { 0 };
+            let n_free = N_FREE + n_edge + usize::from(blur.crowding.is_some());
             let is_settled = score.dot(&whole_step) <= SETTLED * SETTLED * n_free as f64;
             if is_settled && changed_points <= SETTLED_POINTS && turned_points <= SETTLED_POINTS {
                 return Some((pose, blur));
@@ -219,12 +254,18 @@ impl BlurredBone {
         None
     }
 
-    /// What a point says of turn, shift, σ and the edge, given the mean over the density of what places say of it.
-    fn said_of_step(&self, said: &Said<'_>, blur: &Blur, mean: &OfEdge) -> OfStep {
-        let of_edge = self.said_of_edge(blur, said.shown, mean);
+    /// What a point says of turn, shift, σ, the edge and how points crowd, given the means over the density of what places say of these.
+    fn said_of_step(
+        &self,
+        said: &Said<'_>,
+        blur: &Blur,
+        (mean_by_edge, mean_crowded): &(OfEdge, f64),
+    ) -> OfStep {
+        let of_edge = self.said_of_edge(blur, said.shown, mean_by_edge);
         let mut all = OfStep::zeros();
         all.fixed_rows_mut::<N_FREE>(0).copy_from(&said.free);
         all.fixed_rows_mut::<N_EDGE>(N_FREE).copy_from(&of_edge);
+        all[CROWDING] = self.said_of_crowding(blur, said.shown, *mean_crowded);
         all
     }
 
@@ -237,7 +278,7 @@ impl BlurredBone {
             * Translation3::from(-self.center.coords)
     }
 
-    /// The inverse information of the points where edge and weights are unknown as well as pose and σ.
+    /// The inverse information of the points where edge, crowding and weights are unknown as well as pose and σ.
     fn covariance(
         &self,
         pose: &Isometry3<f64>,
@@ -247,7 +288,7 @@ impl BlurredBone {
         let inverse = pose.inverse();
         let by_weights = -DVector::from_vec(self.expected(blur));
         let n = N_STEP + by_weights.len();
-        let mean = self.mean_by_edge(blur);
+        let mean = (self.mean_by_edge(blur), self.mean_crowded(blur));
         let mut information = DMatrix::<f64>::zeros(n, n);
         let mut g = DVector::<f64>::zeros(n);
         self.each_said(points.iter().map(|y| y.placed(&inverse)), blur, |said| {
@@ -258,8 +299,11 @@ impl BlurredBone {
             information.ger(1.0, &g, &g, 1.0);
         });
         for number in N_FREE..n {
-            let is_edge = number < N_STEP;
-            information[(number, number)] += if is_edge { RIDGE_OF_EDGE } else { ridge_points };
+            information[(number, number)] += match number {
+                0..CROWDING => RIDGE_OF_EDGE,
+                CROWDING => RIDGE_OF_BENDS_POINTS,
+                _ => ridge_points,
+            };
         }
         let of_all = information.cholesky()?.inverse();
         let of_pose: Matrix6<f64> = of_all.fixed_view::<6, 6>(0, 0).into_owned();
@@ -302,6 +346,7 @@ impl BlurredBone {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bends::Bends;
     use crate::bone::BoneSurface;
     use nalgebra::{Point3, Vector3};
     use pedicle_registration::{RefineOptions, refine_on_surface};
@@ -327,7 +372,8 @@ mod tests {
             generate_phantom(&PhantomParameters::default(), &MeshingOptions::default()).unwrap();
         let mesh = &phantom.vertebrae[2].mesh;
         let bone = BoneSurface::new(mesh).unwrap();
-        let blurred = BlurredBone::new(&bone, mesh.area(), SIGMA_MM).unwrap();
+        let blurred =
+            BlurredBone::new((&bone, &Bends::of(&bone).unwrap()), mesh.area(), SIGMA_MM).unwrap();
         let truth = Isometry3::new(Vector3::new(4.0, 60.0, -9.0), Vector3::new(0.2, -0.4, 0.3));
         let mut rng = ChaCha8Rng::seed_from_u64(11);
         let options = RefineOptions {
@@ -359,7 +405,12 @@ mod tests {
             let closest = refine_on_surface(&bone, &points, &truth, &options).unwrap();
             let facing: Vec<FacingPoint> = points.into_iter().map(FacingPoint::of).collect();
             let found = blurred
-                .fit(&closest.target_from_source, &facing, closest.noise_mm)
+                .fit(
+                    &closest.target_from_source,
+                    &facing,
+                    closest.noise_mm,
+                    false,
+                )
                 .unwrap();
             let center = bone.centroid();
             for (pose, sum) in [
@@ -441,7 +492,8 @@ mod tests {
             generate_phantom(&PhantomParameters::default(), &MeshingOptions::default()).unwrap();
         let mesh = &phantom.vertebrae[2].mesh;
         let bone = BoneSurface::new(mesh).unwrap();
-        let blurred = BlurredBone::new(&bone, mesh.area(), SIGMA_MM).unwrap();
+        let blurred =
+            BlurredBone::new((&bone, &Bends::of(&bone).unwrap()), mesh.area(), SIGMA_MM).unwrap();
         let pose = Isometry3::identity();
         let mut rng = ChaCha8Rng::seed_from_u64(17);
         let mut alike = |n: usize, is_seen: &dyn Fn(&Vector3<f64>) -> bool| {
@@ -476,7 +528,8 @@ mod tests {
             generate_phantom(&PhantomParameters::default(), &MeshingOptions::default()).unwrap();
         let mesh = &phantom.vertebrae[2].mesh;
         let bone = BoneSurface::new(mesh).unwrap();
-        let blurred = BlurredBone::new(&bone, mesh.area(), SIGMA_MM).unwrap();
+        let blurred =
+            BlurredBone::new((&bone, &Bends::of(&bone).unwrap()), mesh.area(), SIGMA_MM).unwrap();
         let start = Isometry3::identity();
         let far = FacingPoint::of(bone.centroid() + Vector3::new(0.0, 0.0, 500.0));
         let far = vec![far; 100];

@@ -13,6 +13,7 @@ use crate::misfit::Misfit;
 use crate::model::SpineModel;
 use crate::rejection::Rejection;
 use crate::search::Found;
+use crate::second_look::behind_shares;
 use crate::shape_change::{ShapeChange, SpineChange};
 use crate::uncertainty::uncertainty;
 use crate::verdict::rejections;
@@ -88,11 +89,12 @@ impl Conclusion<'_> {
         let together = self.together(&vertebrae, &[], options);
         let shape = self.shape(&vertebrae);
         let differs = shape_rejection(shape.as_ref(), options).filter(|_| self.fit.needs_shape);
-        let seen = self.fit.fits.iter().filter_map(|fit| fit.seen);
-        let shares = seen.map(|seen| seen.behind_share).collect();
         // Pixels that err alike tell as little as fewer, or noisier ones.
         let noise_mm = self.fit.sensor_noise_mm.unwrap_or(0.0) * self.fit.n_alike.sqrt();
-        let behind = behind_rejection(shares, noise_mm, options);
+        let before = self.found.behind_first.iter().cloned();
+        let behind = std::iter::once(behind_shares(self.fit))
+            .chain(before)
+            .find_map(|shares| behind_rejection(shares, noise_mm, options));
         let others = self.others(&vertebrae);
         for vertebra in &mut vertebrae {
             if !vertebra.reasons.is_empty() {

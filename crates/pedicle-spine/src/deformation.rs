@@ -11,15 +11,14 @@
 use nalgebra::DMatrix;
 use pedicle_trajectory::AnatomicalFrame;
 
-use crate::bends::{N_BENDS, bends};
+use crate::bends::N_BENDS;
 use crate::blurred_bone::{Blur, BlurredBone, N_FREE, RIDGE_POINTS};
-use crate::bone::BoneSurface;
 use crate::facing::FacingPoint;
 use crate::seen_edge::{N_EDGE, OfEdge, RIDGE_OF_EDGE};
 use crate::shape_basis::{ShapeBasis, along_axes};
 
 /// Information on the weight of a bend that no point tells, points.
-const RIDGE_OF_BENDS_POINTS: f64 = 1.0;
+pub(crate) const RIDGE_OF_BENDS_POINTS: f64 = 1.0;
 
 /// A bone whose shape may change.
 pub(crate) struct Deformable<'a> {
@@ -28,7 +27,6 @@ pub(crate) struct Deformable<'a> {
     blur: &'a Blur,
     /// φ, a column a place.
     fields: DMatrix<f64>,
-    bends: Vec<[f64; N_BENDS]>,
     /// Mean over the density of what places say of the edge.
     by_edge: OfEdge,
     /// Mean of what the weights are of, over the density.
@@ -38,18 +36,16 @@ pub(crate) struct Deformable<'a> {
 impl<'a> Deformable<'a> {
     pub(crate) fn new(
         (blurred, blur): (&'a BlurredBone, &'a Blur),
-        (bone, frame): (&BoneSurface, &'a AnatomicalFrame),
+        frame: &'a AnatomicalFrame,
         basis: &ShapeBasis,
     ) -> Self {
-        let bends = bends(bone, &blurred.places, &blurred.tree);
         let mut expected = blurred.expected(blur);
-        expected.extend((0..N_BENDS).map(|k| blurred.mean(blur, |j| bends[j][k])));
+        expected.extend((0..N_BENDS).map(|k| blurred.mean(blur, |j| blurred.bends[j][k])));
         Self {
             fields: basis.fields(&blurred.places, &blurred.center, frame),
             blurred,
             frame,
             blur,
-            bends,
             by_edge: blurred.mean_by_edge(blur),
             expected,
         }
@@ -98,7 +94,7 @@ impl<'a> Deformable<'a> {
             let of_bends = &mut weights[self.expected.len() - N_BENDS..];
             for &(j, r) in said.shown {
                 let j = j as usize;
-                for (weight, bend) in of_bends.iter_mut().zip(&self.bends[j]) {
+                for (weight, bend) in of_bends.iter_mut().zip(&self.blurred.bends[j]) {
                     *weight += r * bend;
                 }
                 // Moving a place by a field moves the density with it: the noise (x - s) / σ² along the field.

@@ -193,7 +193,8 @@ mod tests {
             generate_phantom(&PhantomParameters::default(), &MeshingOptions::default()).unwrap();
         let mesh = &phantom.vertebrae[2].mesh;
         let bone = BoneSurface::new(mesh).unwrap();
-        let blurred = BlurredBone::new(&bone, mesh.area(), SIGMA_MM).unwrap();
+        let blurred =
+            BlurredBone::new((&bone, &Bends::of(&bone).unwrap()), mesh.area(), SIGMA_MM).unwrap();
         let few = simplify(mesh, 700, &SimplifyOptions::default())
             .unwrap()
             .mesh;

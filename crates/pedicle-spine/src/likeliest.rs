@@ -41,13 +41,21 @@ pub(crate) fn likeliest_pose(
     };
     let stride = points.len().div_ceil(MAX_POINTS).max(1);
     let few: Vec<FacingPoint> = points.iter().step_by(stride).copied().collect();
-    let bone = BlurredBone::new(&vertebra.bone, vertebra.area_mm2, fit.noise_mm)?;
+    let bone = BlurredBone::new(
+        (&vertebra.bone, &vertebra.bends),
+        vertebra.area_mm2,
+        fit.noise_mm,
+    )?;
     let Some(likeliest) = bone.fit(pose, &few, fit.noise_mm) else {
         *refinement = None;
         return Ok(Likeliest::default());
     };
     let shape = asks_for_shape
-        .then(|| ShapeChange::new(&bone, vertebra, &likeliest, &few))
+        .then(|| {
+            let start = &likeliest.target_from_source;
+            let crowded = bone.fit_crowded(start, &few, likeliest.blur.sigma_mm)?;
+            ShapeChange::new(&bone, vertebra, &crowded, &few)
+        })
         .flatten();
     fit.noise_mm = likeliest.blur.sigma_mm;
     let is_pose = stride == 1 || likeliest.blur.sigma_mm > DENSE_UP_TO_MM;

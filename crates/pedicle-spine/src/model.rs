@@ -9,6 +9,7 @@ use pedicle_trajectory::{
 };
 use rayon::prelude::*;
 
+use crate::bends::Bends;
 use crate::bone::BoneSurface;
 use crate::free_space::Patch;
 use crate::map_shape::{MapShape, clean, restrict, simplified};
@@ -59,6 +60,8 @@ pub(crate) struct Vertebra {
     pub(crate) index: Arc<SurfaceIndex>,
     /// Its pedicles, as far as they can be measured.
     pub(crate) anatomy: Anatomy,
+    /// How its surface bends.
+    pub(crate) bends: Bends,
     /// How another person's bones may differ, the same at every level.
     pub(crate) shape_basis: Arc<ShapeBasis>,
 }
@@ -278,6 +281,7 @@ fn prepared(
         .collect();
     Ok(Vertebra {
         level: vertebra.level,
+        bends: Bends::of(&bone)?,
         bone,
         coarse: BoneSurface::new(&coarse_mesh)?,
         anatomy: Anatomy::new(&vertebra.surface, Arc::clone(&index), &frame),

@@ -49,6 +49,8 @@ pub(crate) struct Found {
     pub(crate) level_margin: f64,
     /// The configurations at another level that it was held against.
     pub(crate) other_levels: Vec<Configuration>,
+    /// What lay behind the vertebrae before a few of them got other poses for it ([`crate::second_look`]).
+    pub(crate) behind_first: Option<Vec<f64>>,
     /// For each vertebra the best clearly different poses that lost, the best first.
     pub(crate) alternatives: Vec<Vec<(Origin, Isometry3<f64>)>>,
 }

@@ -83,6 +83,7 @@ impl Search<'_> {
             alternative_margins: margins,
             level_margin: 0.0,
             other_levels: Vec::new(),
+            behind_first: None,
             alternatives,
         }
     }

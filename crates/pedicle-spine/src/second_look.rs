@@ -7,7 +7,9 @@
 //! The search and [`crate::rivals`] compare poses by what lies near them, and tissue lies near wrong ones. What lies behind a bone, which would have hidden it, is told of
 //! a pose that was fitted along the rays. So once all poses are fitted so,
 //!
-//! - a vertebra whose pose is contradicted gets one of those that lost, or the one in which its neighbours put it, if that is not;
+//! - a vertebra whose pose is contradicted gets one of those that lost, or the one in which its neighbours put it, if that is not
+//!   (how much lies behind most bones, which tells other patients, is then asked of the poses before as well, for chosen ones have little behind them anywhere; but not
+//!   where most were wrong and all are right now);
 //! - a pose that fits nearly as well is no rival if it leads to the same, or is contradicted.
 //!
 //! Poses target from source, mm.
@@ -57,6 +59,7 @@ impl SecondLook<'_> {
         mut fit: SpineFit,
     ) -> Result<(Found, SpineFit), SpineError> {
         let mut replaced = vec![false; self.vertebrae.len()];
+        let behind_first = behind_shares(&fit);
         for _ in 0..MAX_LOOKS {
             let Some((again, other, changed)) = self.replaced(&found, &fit)? else {
                 break;
@@ -71,6 +74,11 @@ impl SecondLook<'_> {
                 .search
                 .level_margin(&found.configuration, &found.other_levels);
             found.level_margin = margin.unwrap_or(found.level_margin);
+            let n_replaced = replaced.iter().filter(|replaced| **replaced).count();
+            let is_whole = self.sound(&fit).into_iter().all(|sound| sound);
+            if 2 * n_replaced < replaced.len() || !is_whole {
+                found.behind_first = Some(behind_first);
+            }
         }
         let poses: Vec<Isometry3<f64>> = poses_of(&fit);
         for (v, &replaced) in replaced.iter().enumerate() {
@@ -202,6 +210,176 @@ impl SecondLook<'_> {
     }
 }
 
+/// Of every vertebra with a fit the share behind it.
+pub(crate) fn behind_shares(fit: &SpineFit) -> Vec<f64> {
+    let seen = fit.fits.iter().filter_map(|fit| fit.seen);
+    seen.map(|seen| seen.behind_share).collect()
+}
+
 fn poses_of(fit: &SpineFit) -> Vec<Isometry3<f64>> {
     fit.fits.iter().map(|fit| fit.target_from_source).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::free_space::FreeSpace;
+    use crate::model::given_by_level;
+    use crate::points::PointSet;
+    use crate::prepare::prepare;
+    use crate::{
+        MapOptions, SensorView, Shape, SourceVertebra, SpineModel, Target, TransferOptions,
+    };
+    use pedicle_registration::pose_error;
+    use pedicle_simulation::{
+        MeshingOptions, PhantomParameters, SensorForm, SuiteCell, SuiteScenario, TargetSurface,
+        generate_phantom, simulate_suite,
+    };
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+
+    /// A bare spine before a camera, and where its vertebrae are.
+    struct Scene {
+        model: SpineModel,
+        target: Target,
+        truth: Vec<Isometry3<f64>>,
+    }
+
+    impl Scene {
+        fn new() -> Self {
+            let phantom =
+                generate_phantom(&PhantomParameters::default(), &MeshingOptions::default())
+                    .unwrap();
+            let landmarks = phantom.landmarks();
+            let case = phantom.spine_case(3500).unwrap();
+            let cell = SuiteCell::Sensor {
+                form: SensorForm::Cloud,
+                cover: 0.0,
+                noise_mm: 0.6,
+            };
+            let (draw, seed) = (0, 34);
+            let seen = simulate_suite(&case, &SuiteScenario { cell, draw, seed }).unwrap();
+            let TargetSurface::Cloud(points) = seen.surface else {
+                panic!("a cloud was asked for");
+            };
+            let camera_mm = seen.view.unwrap().camera_mm;
+            let source = phantom.vertebrae.into_iter().map(|v| SourceVertebra {
+                level: v.level,
+                surface: v.mesh,
+            });
+            Self {
+                model: SpineModel::new(source.collect(), &landmarks, &MapOptions::default())
+                    .unwrap(),
+                target: Target::cloud(points, seen.target_landmarks)
+                    .seen_from(SensorView { camera_mm }),
+                truth: (seen.truth.iter().map(|t| t.vertebra.target_from_source)).collect(),
+            }
+        }
+
+        /// Looks at vertebrae that a search found in some poses, with others that lost and the margins over them.
+        fn looked(
+            &self,
+            poses: &[Isometry3<f64>],
+            alternatives: Vec<Vec<Isometry3<f64>>>,
+            (margin, options): (f64, &VerdictOptions),
+        ) -> (Found, SpineFit) {
+            let vertebrae = &self.model.vertebrae;
+            let landmarks = given_by_level(&self.target.landmarks, Shape::Target).unwrap();
+            let search = TransferOptions::default().search;
+            let mut rng = ChaCha8Rng::seed_from_u64(1);
+            let n_fine = search.n_fine_points;
+            let prepared = prepare(&self.model, &self.target, &landmarks, n_fine, &mut rng);
+            let prepared = prepared.unwrap();
+            let noise_mm = prepared.sensor_noise_mm.unwrap();
+            let positions = &prepared.fine.points.positions;
+            let view = self.target.view.as_ref().unwrap();
+            let free_space = FreeSpace::new(positions, view, noise_mm).unwrap();
+            let sensor = Sensor {
+                noise_mm: Some(noise_mm),
+                free_space: Some(&free_space),
+                picture: prepared.picture.as_ref(),
+            };
+            let points: PointSet = prepared
+                .fine
+                .points
+                .thinned_out(search.n_coarse_points, &mut rng);
+            let search =
+                Search::new(vertebrae, &points, &search).with_free_space(Some(&free_space));
+            let named = |all: Vec<Isometry3<f64>>| {
+                all.into_iter()
+                    .map(|pose| (Origin::LandmarkFit, pose))
+                    .collect()
+            };
+            let found = Found {
+                configuration: Configuration::new(Origin::LandmarkFit, poses.to_vec()),
+                alternative_margins: vec![margin; vertebrae.len()],
+                level_margin: 0.5,
+                other_levels: Vec::new(),
+                behind_first: None,
+                alternatives: alternatives.into_iter().map(named).collect(),
+            };
+            let fit = finish(vertebrae, &prepared.fine, poses, &sensor).unwrap();
+            let look = SecondLook {
+                vertebrae,
+                target: &prepared.fine,
+                sensor: &sensor,
+                search: &search,
+                options,
+            };
+            look.taken(found, fit).unwrap()
+        }
+
+        fn error(&self, v: usize, fit: &SpineFit) -> f64 {
+            let centroid = self.model.vertebrae[v].bone.centroid();
+            let pose = &fit.fits[v].target_from_source;
+            pose_error(pose, &self.truth[v], &centroid).translation_mm
+        }
+
+        /// A vertebra 9 mm in front of where it is, where the camera looks through it.
+        fn in_front(&self, v: usize) -> Isometry3<f64> {
+            let backwards = self.truth[v].rotation * -self.model.vertebrae[v].frame.anterior;
+            nalgebra::Translation3::from(backwards * 9.0) * self.truth[v]
+        }
+    }
+
+    #[test]
+    fn a_vertebra_with_points_behind_it_goes_where_its_neighbours_put_it() {
+        let scene = Scene::new();
+        let options = VerdictOptions::default();
+        let mut poses = scene.truth.clone();
+        let in_neighbours_place = scene.truth[1];
+        poses[2] = in_neighbours_place;
+        poses[2].translation.vector += scene.truth[1].rotation
+            * (scene.model.vertebrae[1].frame.origin - scene.model.vertebrae[2].frame.origin);
+        let (found, fit) = scene.looked(&poses, vec![Vec::new(); 5], (0.5, &options));
+        for v in 0..5 {
+            let mm = scene.error(v, &fit);
+            assert!(mm < 0.5, "vertebra {v} is {mm} mm off");
+        }
+        assert_ne!(found.configuration.origins[2], Origin::LandmarkFit);
+        assert_eq!(found.configuration.origins[1], Origin::LandmarkFit);
+        // The pose that it had is no rival any more, and nothing else is.
+        assert_eq!(found.alternatives[2].len(), 1);
+        assert!(found.alternative_margins[2] >= 1.0);
+    }
+
+    #[test]
+    fn rivals_count_unless_the_camera_excludes_them() {
+        let scene = Scene::new();
+        let strict = VerdictOptions::default();
+        let any = VerdictOptions {
+            max_behind_share: 1.0,
+            ..VerdictOptions::default()
+        };
+        let others: Vec<_> = (0..5).map(|v| vec![scene.in_front(v)]).collect();
+        let margins = |options: &VerdictOptions, margin: f64| {
+            let (found, _) = scene.looked(&scene.truth, others.clone(), (margin, options));
+            found.alternative_margins
+        };
+        let excluded = margins(&strict, 0.02);
+        assert!(excluded.iter().all(|margin| *margin >= 1.0), "{excluded:?}");
+        assert_eq!(margins(&strict, 0.3), vec![0.3; 5], "far enough");
+        let kept = margins(&any, 0.02);
+        assert!(kept.iter().any(|margin| *margin < 0.03), "{kept:?}");
+    }
 }

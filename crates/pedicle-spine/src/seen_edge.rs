@@ -219,6 +219,7 @@ fn is_seen(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bends::Bends;
     use crate::bone::BoneSurface;
     use nalgebra::Vector3;
     use pedicle_simulation::{MeshingOptions, PhantomParameters, generate_phantom};
@@ -233,7 +234,8 @@ mod tests {
             generate_phantom(&PhantomParameters::default(), &MeshingOptions::default()).unwrap();
         let mesh = &phantom.vertebrae[2].mesh;
         let bone = BoneSurface::new(mesh).unwrap();
-        let blurred = BlurredBone::new(&bone, mesh.area(), SIGMA_MM).unwrap();
+        let blurred =
+            BlurredBone::new((&bone, &Bends::of(&bone).unwrap()), mesh.area(), SIGMA_MM).unwrap();
         (blurred, bone)
     }
 

@@ -72,11 +72,7 @@ impl ShapeChange {
         fit: &BlurredFit,
         points: &[FacingPoint],
     ) -> Option<Self> {
-        let bone = Deformable::new(
-            (blurred, &fit.blur),
-            (&vertebra.bone, &vertebra.frame),
-            &vertebra.shape_basis,
-        );
+        let bone = Deformable::new((blurred, &fit.blur), &vertebra.frame, &vertebra.shape_basis);
         let inverse = fit.target_from_source.inverse();
         let mut rng = ChaCha8Rng::seed_from_u64(SEED);
         let is_facing = points.iter().any(|p| p.normal.is_some());
@@ -228,8 +224,13 @@ mod tests {
                 FacingPoint::of(pose * (p + noise))
             });
             let points: Vec<FacingPoint> = noisy.collect();
-            let blurred = BlurredBone::new(&vertebra.bone, vertebra.area_mm2, sigma_mm).unwrap();
-            let fit = blurred.fit(&pose, &points, sigma_mm).unwrap();
+            let blurred = BlurredBone::new(
+                (&vertebra.bone, &vertebra.bends),
+                vertebra.area_mm2,
+                sigma_mm,
+            )
+            .unwrap();
+            let fit = blurred.fit_crowded(&pose, &points, sigma_mm).unwrap();
             ShapeChange::new(&blurred, vertebra, &fit, &points).unwrap()
         });
         all.collect()
