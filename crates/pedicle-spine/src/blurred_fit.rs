@@ -346,7 +346,7 @@ impl BlurredBone {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bends::Bends;
+    use crate::bends::{Bends, CROWDED};
     use crate::bone::BoneSurface;
     use nalgebra::{Point3, Vector3};
     use pedicle_registration::{RefineOptions, refine_on_surface};
@@ -405,12 +405,7 @@ mod tests {
             let closest = refine_on_surface(&bone, &points, &truth, &options).unwrap();
             let facing: Vec<FacingPoint> = points.into_iter().map(FacingPoint::of).collect();
             let found = blurred
-                .fit(
-                    &closest.target_from_source,
-                    &facing,
-                    closest.noise_mm,
-                    false,
-                )
+                .fit(&closest.target_from_source, &facing, closest.noise_mm)
                 .unwrap();
             let center = bone.centroid();
             for (pose, sum) in [
@@ -535,5 +530,37 @@ mod tests {
         let far = vec![far; 100];
         assert_eq!(blurred.fit(&start, &far, SIGMA_MM), None, "far away");
         assert_eq!(blurred.fit(&start, &[], SIGMA_MM), None, "no points");
+    }
+
+    #[test]
+    fn points_that_crowd_where_a_bone_bends_are_told_from_points_that_do_not() {
+        let phantom =
+            generate_phantom(&PhantomParameters::default(), &MeshingOptions::default()).unwrap();
+        let mesh = &phantom.vertebrae[2].mesh;
+        let bone = BoneSurface::new(mesh).unwrap();
+        let bends = Bends::of(&bone).unwrap();
+        let blurred = BlurredBone::new((&bone, &bends), mesh.area(), SIGMA_MM).unwrap();
+        let pose = Isometry3::new(Vector3::new(4.0, 60.0, -9.0), Vector3::new(0.2, -0.4, 0.3));
+        let crowding = |wanted: f64| {
+            let mut rng = ChaCha8Rng::seed_from_u64(12);
+            let most = (3.0 * wanted).exp();
+            let places = bone.spread_points(6000).into_iter().enumerate();
+            let kept = places.filter(|(i, p)| {
+                let density = (wanted * bends.at(p)[CROWDED]).exp() / most;
+                *i as f64 * 0.618_034 % 1.0 < density
+            });
+            let noisy = kept.take(700).map(|(_, p)| {
+                let noise = Vector3::from_fn(|_, _| -> f64 { StandardNormal.sample(&mut rng) });
+                FacingPoint::of(pose * (p + noise * SIGMA_MM))
+            });
+            let points: Vec<FacingPoint> = noisy.collect();
+            let plain = blurred.fit(&pose, &points, SIGMA_MM).unwrap();
+            assert_eq!(plain.blur.crowding, None, "not asked for");
+            let found = blurred.fit_crowded(&pose, &points, SIGMA_MM).unwrap();
+            found.blur.crowding.unwrap()
+        };
+        let (even, crowded) = (crowding(0.0), crowding(0.5));
+        assert!(even.abs() < 0.15, "{even} of even points");
+        assert!((crowded - 0.5).abs() < 0.2, "{crowded} for 0.5");
     }
 }

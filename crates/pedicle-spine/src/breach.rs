@@ -9,7 +9,7 @@
 //! add up to far more than the probability of any. So errors are drawn that breach a wall, the more often the likelier it is, and it is counted how many
 //! they breach (Owen, Maximov & Chertkov 2019, for at least one rare event).
 //!
-//! Walls are flat and bones are not, so where the verdict may depend on it (between 0.1 and 5 %) the walls are moved nearer, and of the errors that breach them only those
+//! Walls are flat and bones are not, so where the verdict may depend on it (between 0.1 and 5 %) the walls are moved nearer, and of the errors beyond them only those
 //! count that lead the screw through the surface itself: P = Σᵢ Qᵢ · ⟨ B(x) / #{j : x ∈ Aⱼ} ⟩ with B of 1 or 0. Lengths in mm, angles in rad.
 
 use nalgebra::{Isometry3, Matrix6, Point3, SymmetricEigen, Vector3, Vector6};
@@ -32,8 +32,9 @@ const NEVER: f64 = 30.0;
 /// probability, will do.
 const TOO_SMALL: f64 = 1e-5;
 const LARGE: f64 = 0.2;
-/// Probabilities of walls between these are those of the bone itself, with walls that have this share of the room.
+/// Probabilities of walls between these are those of the bone itself,
 const CHECKED: (f64, f64) = (1e-3, 0.05);
+/// with walls that have this share of their room, and of the least room of the screw where no wall is so near.
 const NEARER: f64 = 0.9;
 
 /// Cortex beside a screw.
@@ -77,14 +78,45 @@ struct Limit {
     z: f64,
 }
 
+/// What is known of the bone beside its walls.
+#[derive(Clone, Copy)]
+pub(crate) struct Bone<'a> {
+    /// The least room of the screw, mm.
+    pub(crate) clearance_mm: f64,
+    pub(crate) breaches: Breaches<'a>,
+}
+
 /// Whether an error of the pose, [turn; shift] about the covariance's centre in the target frame, leads a screw through the cortex.
 pub(crate) type Breaches<'a> = &'a dyn Fn(&Vector6<f64>) -> bool;
 
-/// The probability of a breach of any of the walls; NaN if the covariance or a clearance is.
+/// The probability of a breach of any of the walls, or of the bone where that matters; NaN if the covariance or a clearance is.
 pub(crate) fn breach_probability(
     walls: &[Wall],
     covariance: &PoseCovariance,
-    breaches: Breaches<'_>,
+    bone: Bone<'_>,
+) -> f64 {
+    let found = of_walls(walls, covariance, (1.0, None));
+    if !(found > CHECKED.0 && found < CHECKED.1) {
+        return found;
+    }
+    // Both rooms of a wall are needed.
+    let rooms = walls.iter().map(|wall| {
+        let (towards, across) = (wall.towards.clearance_mm, wall.across.clearance_mm);
+        if across > towards { across } else { towards }
+    });
+    let nearest_mm = rooms.fold(
+        f64::INFINITY,
+        |least, room| if room < least { room } else { least },
+    );
+    let share = (bone.clearance_mm / nearest_mm).clamp(0.0, 1.0);
+    of_walls(walls, covariance, (NEARER * share, Some(bone.breaches)))
+}
+
+/// The probability of an error beyond a wall that is moved nearer to this share of its room, and that breaches if this is asked.
+fn of_walls(
+    walls: &[Wall],
+    covariance: &PoseCovariance,
+    (share, breaches): (f64, Option<Breaches<'_>>),
 ) -> f64 {
     if covariance.matrix.iter().any(|x| !x.is_finite()) {
         return f64::NAN;
@@ -94,18 +126,13 @@ pub(crate) fn breach_probability(
         .eigenvalues
         .map(|x| if x > 0.0 { x.sqrt() } else { 0.0 });
     let root = eigen.eigenvectors * Matrix6::from_diagonal(&roots);
-    let of_walls = |nearer: f64, breaches: Option<Breaches<'_>>| {
-        let Some(limits) = limits(walls, (&root, &covariance.center), nearer) else {
-            return f64::NAN;
-        };
-        probability(&limits, breaches)
+    let Some(limits) = limits(walls, (&root, &covariance.center), share) else {
+        return f64::NAN;
     };
-    let found = of_walls(1.0, None);
-    if found > CHECKED.0 && found < CHECKED.1 {
-        of_walls(NEARER, Some(&|error| breaches(&(root * error))))
-    } else {
-        found
-    }
+    let Some(breaches) = breaches else {
+        return probability(&limits, None);
+    };
+    probability(&limits, Some(&|error| breaches(&(root * error))))
 }
 
 /// What all walls ask, the nearest first, with this share of the room there is. None if a clearance is NaN.
@@ -210,9 +237,17 @@ mod tests {
     use super::*;
     use std::f64::consts::{FRAC_PI_2, PI};
 
-    /// Of walls that are the bone.
     fn told(walls: &[Wall], covariance: &PoseCovariance) -> f64 {
-        breach_probability(walls, covariance, &|_| true)
+        of_walls(walls, covariance, (1.0, None))
+    }
+
+    fn with(walls: &[Wall], covariance: &PoseCovariance, breaches: Breaches<'_>) -> f64 {
+        let rooms = walls.iter().map(|wall| wall.towards.clearance_mm);
+        let bone = Bone {
+            clearance_mm: rooms.fold(f64::INFINITY, f64::min),
+            breaches,
+        };
+        breach_probability(walls, covariance, bone)
     }
 
     /// A wall at right angles to the direction that it is seen in.
@@ -312,5 +347,57 @@ mod tests {
         let open = walls(&[(0.0, 2.0), (PI, 9.0), (FRAC_PI_2, 5.0)]);
         near(told(&open, &shifting(0.1, 2.5)), upper_tail(2.0), 1e-6);
         assert!(told(&open, &shifting(0.1, 0.1)) < 1e-6);
+    }
+
+    #[test]
+    fn where_it_matters_errors_are_held_against_the_bone() {
+        let covariance = shifting(1.0, 1.0);
+        // A round hole with walls all around: exp(-r²/2).
+        let round = |x: &Vector6<f64>| f64::hypot(x[3], x[4]) > 3.0;
+        let all: Vec<(f64, f64)> = (0..24).map(|k| (f64::from(k) * PI / 12.0, 3.0)).collect();
+        let checked = with(&walls(&all), &covariance, &round);
+        near(checked, (-4.5_f64).exp(), 0.15);
+        // Bone that gives way by another tenth.
+        let wider = |x: &Vector6<f64>| f64::hypot(x[3], x[4]) > 3.3;
+        let checked = with(&walls(&all), &covariance, &wider);
+        near(checked, (-0.5 * 3.3_f64 * 3.3).exp(), 0.2);
+        // Or before the walls know of it, by less than a tenth.
+        let nearer = |x: &Vector6<f64>| f64::hypot(x[3], x[4]) > 2.8;
+        let checked = with(&walls(&all), &covariance, &nearer);
+        near(checked, (-0.5 * 2.8_f64 * 2.8).exp(), 0.15);
+        // What is far from the limit is not asked.
+        let never = |_: &Vector6<f64>| false;
+        assert!(with(&walls(&[(0.0, 0.5)]), &covariance, &never) > 0.3);
+        assert!(with(&walls(&[(0.0, 3.5)]), &covariance, &never) > 0.0);
+        assert!(with(&walls(&[(0.0, 2.5)]), &covariance, &never) <= 0.0);
+    }
+
+    #[test]
+    fn a_bone_that_is_its_walls_has_their_probability_wherever_it_turns() {
+        // Errors that turn and shift, about a centre far from the walls and not alike in all directions.
+        let mut covariance = shifting(0.5, 0.8);
+        covariance.center = Point3::new(-12.0, 4.0, 7.0);
+        for (k, deviation_rad) in [0.02, 0.05, 0.01].into_iter().enumerate() {
+            covariance.matrix[(k, k)] = f64::powi(deviation_rad, 2);
+        }
+        (covariance.matrix[(0, 4)], covariance.matrix[(4, 0)]) = (0.012, 0.012);
+        let at = |y: f64, direction: Vector3<f64>, room_mm: f64| {
+            flat(Point3::new(10.0, y, -20.0), direction, room_mm)
+        };
+        let walls = [
+            at(5.0, Vector3::x(), 3.5),
+            at(15.0, Vector3::y(), 2.5),
+            at(5.0, -Vector3::z(), 4.0),
+        ];
+        let breaches = |error: &Vector6<f64>| {
+            let (turn, shift) = (error.fixed_rows::<3>(0), error.fixed_rows::<3>(3));
+            walls.iter().any(|wall| {
+                let moved = turn.cross(&(wall.point - covariance.center)) + shift;
+                wall.towards.direction.dot(&moved) >= wall.towards.clearance_mm
+            })
+        };
+        let known = told(&walls, &covariance);
+        assert!(known > 2.0 * CHECKED.0 && known < CHECKED.1, "{known}");
+        near(with(&walls, &covariance, &breaches), known, 0.15);
     }
 }

@@ -126,6 +126,7 @@ pub(crate) fn share_facing_away((away, all): (f64, f64)) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bends::Bends;
     use crate::blurred_bone::BlurredBone;
     use pedicle_mesh::{SimplifyOptions, simplify};
     use pedicle_registration::pose_error;

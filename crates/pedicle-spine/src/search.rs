@@ -51,7 +51,8 @@ pub(crate) struct Found {
     pub(crate) other_levels: Vec<Configuration>,
     /// What lay behind the vertebrae before a few of them got other poses for it ([`crate::second_look`]).
     pub(crate) behind_first: Option<Vec<f64>>,
-    /// For each vertebra the best clearly different poses that lost, the best first.
+    /// For each vertebra clearly different poses that lost: the best ones, and the one that the margin is over. Fitted to bare bone by [`crate::rivals`], which may
+    /// lead to the pose kept.
     pub(crate) alternatives: Vec<Vec<(Origin, Isometry3<f64>)>>,
 }
 

@@ -68,8 +68,9 @@ impl Search<'_> {
                     changes[v] += 1;
                     changed = true;
                 }
-                *margin = self.margin(v, &best, &tried, &table);
-                alternatives[v] = self.alternatives(v, &best.poses[v], tried);
+                let closest;
+                (*margin, closest) = self.margin(v, &best, &tried, &table);
+                alternatives[v] = self.alternatives(v, &best.poses[v], (tried, closest));
             }
             if !changed {
                 break;
@@ -88,13 +89,14 @@ impl Search<'_> {
         }
     }
 
-    /// The best of the poses tried that differ from the one kept and from each other.
+    /// The best of the poses tried that differ from the one kept and from each other, and the one that the margin is over.
     fn alternatives(
         &self,
         v: usize,
         kept: &Isometry3<f64>,
-        mut tried: Vec<Candidate>,
+        (mut tried, closest): (Vec<Candidate>, Option<usize>),
     ) -> Vec<(Origin, Isometry3<f64>)> {
+        let closest = closest.map(|i| (tried[i].origin, tried[i].pose));
         tried.sort_by(|a, b| b.total.total_cmp(&a.total));
         let mut found: Vec<(Origin, Isometry3<f64>)> = Vec::new();
         for candidate in tried {
@@ -109,10 +111,17 @@ impl Search<'_> {
                 break;
             }
         }
+        let is_other = |(_, pose): &(Origin, Isometry3<f64>)| {
+            found
+                .iter()
+                .all(|(_, other)| self.is_distinct(v, pose, other))
+        };
+        let closest = closest.filter(is_other);
+        found.extend(closest);
         found
     }
 
-    /// The share by which the best clearly different pose explains a vertebra's points worse.
+    /// The share by which the best clearly different pose explains a vertebra's points worse, and which that is.
     /// Only what the kept pose explains counts: elsewhere are the neighbours.
     fn margin(
         &self,
@@ -120,27 +129,28 @@ impl Search<'_> {
         best: &Configuration,
         tried: &[Candidate],
         table: &ScoreTable,
-    ) -> f64 {
+    ) -> (f64, Option<usize>) {
         let own = table.column(&self.vertebrae[v].coarse, &best.poses[v], self.points);
         let own_sum: f64 = own.iter().sum();
         if own_sum <= 0.0 {
-            return 0.0;
+            return (0.0, None);
         }
-        tried
-            .iter()
-            .filter(|c| self.is_distinct(v, &c.pose, &best.poses[v]))
-            .map(|c| {
-                let both = c
-                    .column
-                    .iter()
-                    .zip(&own)
-                    .map(|(a, b)| if a < b { *a } else { *b });
-                1.0 - both.sum::<f64>() / own_sum
-            })
-            .fold(
-                1.0,
-                |least, margin| if margin < least { margin } else { least },
-            )
+        let mut least = (1.0, None);
+        for (i, c) in tried.iter().enumerate() {
+            if !self.is_distinct(v, &c.pose, &best.poses[v]) {
+                continue;
+            }
+            let both = c
+                .column
+                .iter()
+                .zip(&own)
+                .map(|(a, b)| if a < b { *a } else { *b });
+            let margin = 1.0 - both.sum::<f64>() / own_sum;
+            if margin < least.0 {
+                least = (margin, Some(i));
+            }
+        }
+        least
     }
 
     /// Other poses for one vertebra, refined on the points that no other vertebra claims.

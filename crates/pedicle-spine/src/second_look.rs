@@ -10,31 +10,38 @@
 //! - a vertebra whose pose is contradicted gets one of those that lost, or the one in which its neighbours put it, if that is not
 //!   (how much lies behind most bones, which tells other patients, is then asked of the poses before as well, for chosen ones have little behind them anywhere; but not
 //!   where most were wrong and all are right now);
-//! - a pose that fits nearly as well is no rival if it leads to the same, or is contradicted.
+//! - a pose that fits nearly as well is no rival if it leads to the same, shows much less, or is contradicted by far.
 //!
 //! Poses target from source, mm.
 
 use nalgebra::Isometry3;
+use pedicle_registration::pose_error;
 
 use crate::along_rays::{SeenFromCamera, finished_alone};
 use crate::bare_bone::BareBone;
 use crate::bone::BoneSurface;
 use crate::finish::{SpineFit, finish};
 use crate::hypotheses::{Configuration, Origin};
+use crate::margin::{MARGIN_MM, MARGIN_RAD};
 use crate::model::Vertebra;
 use crate::pieces::FinePoints;
 use crate::scoring::{ScoreTable, points_of};
-use crate::search::{Found, Search, is_distinct};
+use crate::search::{Found, Search};
 use crate::seen_bone::first_met;
 use crate::sensor::Sensor;
 use crate::tissue_mixture::reach_mm;
-use crate::verdict::is_contradicted;
+use crate::verdict::max_behind_share;
 use crate::{SpineError, VerdictOptions};
 
 /// Looks at most: what is found in one helps the next.
 const MAX_LOOKS: usize = 3;
 /// Points of a pose to look at are chosen as after so many rounds.
 const ROUND: usize = 6;
+
+/// A rival is dismissed if so many times as much lies behind it as may lie behind a bone that is accepted.
+const BY_FAR: f64 = 1.5;
+/// And if it shows less than this part of the bare bone of the pose kept.
+const LEAST_AREA: f64 = 0.5;
 
 /// What is looked at.
 pub(crate) struct SecondLook<'a> {
@@ -52,7 +59,7 @@ struct Looked {
 }
 
 impl SecondLook<'_> {
-    /// The fit, or another one in which fewer vertebrae are contradicted; and what was found, with margins over poses that are not.
+    /// The fit, or another one in which more vertebrae are sound; and what was found, with margins over poses that are not.
     pub(crate) fn taken(
         &self,
         mut found: Found,
@@ -76,7 +83,8 @@ impl SecondLook<'_> {
             found.level_margin = margin.unwrap_or(found.level_margin);
             let n_replaced = replaced.iter().filter(|replaced| **replaced).count();
             let is_whole = self.sound(&fit).into_iter().all(|sound| sound);
-            if 2 * n_replaced < replaced.len() || !is_whole {
+            let was_wrong = 2 * n_replaced >= replaced.len();
+            if !(was_wrong && is_whole) {
                 found.behind_first = Some(behind_first);
             }
         }
@@ -86,19 +94,44 @@ impl SecondLook<'_> {
             if fit.fits[v].seen.is_none() || (!replaced && found.alternative_margins[v] >= least) {
                 continue;
             }
-            let is_rival = |(_, start): &(Origin, Isometry3<f64>)| {
-                self.look(v, start, &poses, &fit).is_none_or(|looked| {
-                    is_distinct(&self.vertebrae[v], &looked.pose, &poses[v])
-                        && !is_contradicted(&looked.seen, self.options)
-                })
-            };
-            if !found.alternatives[v].iter().any(is_rival) {
+            if self.has_rival((v, &found), &poses, &fit) {
+                if replaced {
+                    found.alternative_margins[v] = 0.0;
+                }
+            } else {
                 found.alternative_margins[v] = 1.0;
-            } else if replaced {
-                found.alternative_margins[v] = 0.0;
             }
         }
         Ok((found, fit))
+    }
+
+    /// Whether one of the poses that lost is still another one when fitted along the rays, shows as much, and is not contradicted by far. So it is if none is known.
+    fn has_rival(
+        &self,
+        (v, found): (usize, &Found),
+        poses: &[Isometry3<f64>],
+        fit: &SpineFit,
+    ) -> bool {
+        let Some(kept) = fit.fits[v].seen else {
+            return true;
+        };
+        let is_rival = |(_, start): &(Origin, Isometry3<f64>)| {
+            let Some(looked) = self.look(v, start, poses, fit) else {
+                return true;
+            };
+            let centroid = self.vertebrae[v].bone.centroid();
+            let apart = pose_error(&looked.pose, &poses[v], &centroid);
+            let is_same = apart.translation_mm <= MARGIN_MM && apart.rotation_rad <= MARGIN_RAD;
+            let max = max_behind_share(Some(looked.seen.bare_area_mm2), self.options);
+            let behind = looked.seen.behind_share;
+            let is_dismissed = (behind > BY_FAR * max && behind > kept.behind_share)
+                || looked.seen.bare_area_mm2 < LEAST_AREA * kept.bare_area_mm2;
+            !is_same && !is_dismissed
+        };
+        let alternatives = &found.alternatives[v];
+        alternatives.is_empty()
+            || found.alternative_margins[v].is_nan()
+            || alternatives.iter().any(is_rival)
     }
 
     /// Another fit in which more vertebrae are sound, and which have other poses. None if there is none.
@@ -121,18 +154,21 @@ impl SecondLook<'_> {
                 beside.configuration.origins[v],
                 beside.configuration.poses[v],
             );
-            let starts = std::iter::once(kept)
-                .chain(beside.alternatives[v].iter().copied())
-                .chain(found.alternatives[v].iter().copied());
+            let tried = std::iter::once(kept).chain(beside.alternatives[v].iter().copied());
+            let starts = tried.clone().chain(found.alternatives[v].iter().copied());
             let looked = starts.filter_map(|(origin, start)| {
                 let looked = self.look(v, &start, &poses, fit)?;
-                self.is_sound(&looked.seen).then_some((origin, looked))
+                let is_right = self.is_sound(&looked.seen)
+                    && self.is_beside_sound((v, &looked.pose), &poses, &sound);
+                is_right.then_some((origin, looked))
             });
             let best = looked
                 .max_by(|(_, a), (_, b)| a.seen.bare_area_mm2.total_cmp(&b.seen.bare_area_mm2));
             let Some((origin, looked)) = best else {
                 continue;
             };
+            // What was found about the pose before and about this one may be rivals of it.
+            again.alternatives[v].extend(tried);
             again.alternatives[v].push((again.configuration.origins[v], poses[v]));
             poses[v] = looked.pose;
             again.configuration.origins[v] = origin;
@@ -147,8 +183,24 @@ impl SecondLook<'_> {
             .into_iter()
             .filter(|sound| *sound)
             .count();
+        again.other_levels.push(found.configuration.clone());
         again.configuration.poses = poses_of(&other);
         Ok((n_sound_now > n_sound).then_some((again, other, changed)))
+    }
+
+    /// Whether a vertebra in a pose stands to its neighbours that are sound as vertebrae can.
+    fn is_beside_sound(
+        &self,
+        (v, pose): (usize, &Isometry3<f64>),
+        poses: &[Isometry3<f64>],
+        sound: &[bool],
+    ) -> bool {
+        let mut poses = poses.to_vec();
+        poses[v] = *pose;
+        let above = v.checked_sub(1).filter(|u| sound[*u]);
+        let below = (v + 1 < sound.len() && sound[v + 1]).then_some(v);
+        let mut pairs = above.into_iter().chain(below);
+        pairs.all(|upper| self.search.can_be_neighbours(upper, &poses))
     }
 
     /// All vertebrae where those that are sound have them beside them.
@@ -174,7 +226,8 @@ impl SecondLook<'_> {
 
     /// Enough of its bone was seen, and nothing behind it.
     fn is_sound(&self, seen: &SeenFromCamera) -> bool {
-        seen.bare_area_mm2 >= self.options.min_bare_area_mm2 && !is_contradicted(seen, self.options)
+        let max = max_behind_share(Some(seen.bare_area_mm2), self.options);
+        seen.bare_area_mm2 >= self.options.min_bare_area_mm2 && seen.behind_share <= max
     }
 
     /// A vertebra fitted from another pose among the others. None if that fixes none.
@@ -230,7 +283,6 @@ mod tests {
     use crate::{
         MapOptions, SensorView, Shape, SourceVertebra, SpineModel, Target, TransferOptions,
     };
-    use pedicle_registration::pose_error;
     use pedicle_simulation::{
         MeshingOptions, PhantomParameters, SensorForm, SuiteCell, SuiteScenario, TargetSurface,
         generate_phantom, simulate_suite,
@@ -335,6 +387,14 @@ mod tests {
             pose_error(pose, &self.truth[v], &centroid).translation_mm
         }
 
+        /// A vertebra in the place of another one.
+        fn in_place_of(&self, v: usize, other: usize) -> Isometry3<f64> {
+            let origin = |v: usize| self.model.vertebrae[v].frame.origin;
+            let mut pose = self.truth[other];
+            pose.translation.vector += pose.rotation * (origin(other) - origin(v));
+            pose
+        }
+
         /// A vertebra 9 mm in front of where it is, where the camera looks through it.
         fn in_front(&self, v: usize) -> Isometry3<f64> {
             let backwards = self.truth[v].rotation * -self.model.vertebrae[v].frame.anterior;
@@ -347,19 +407,16 @@ mod tests {
         let scene = Scene::new();
         let options = VerdictOptions::default();
         let mut poses = scene.truth.clone();
-        let in_neighbours_place = scene.truth[1];
-        poses[2] = in_neighbours_place;
-        poses[2].translation.vector += scene.truth[1].rotation
-            * (scene.model.vertebrae[1].frame.origin - scene.model.vertebrae[2].frame.origin);
+        poses[2] = scene.in_place_of(2, 1);
         let (found, fit) = scene.looked(&poses, vec![Vec::new(); 5], (0.5, &options));
         for v in 0..5 {
             let mm = scene.error(v, &fit);
             assert!(mm < 0.5, "vertebra {v} is {mm} mm off");
         }
         assert_ne!(found.configuration.origins[2], Origin::LandmarkFit);
-        assert_eq!(found.configuration.origins[1], Origin::LandmarkFit);
+        assert_eq!(found.configuration.origins[4], Origin::LandmarkFit);
         // The pose that it had is no rival any more, and nothing else is.
-        assert_eq!(found.alternatives[2].len(), 1);
+        assert!(!found.alternatives[2].is_empty());
         assert!(found.alternative_margins[2] >= 1.0);
     }
 
@@ -371,15 +428,37 @@ mod tests {
             max_behind_share: 1.0,
             ..VerdictOptions::default()
         };
-        let others: Vec<_> = (0..5).map(|v| vec![scene.in_front(v)]).collect();
-        let margins = |options: &VerdictOptions, margin: f64| {
-            let (found, _) = scene.looked(&scene.truth, others.clone(), (margin, options));
+        let margins = |(options, margin): (&VerdictOptions, f64), rivals: [Isometry3<f64>; 5]| {
+            let others = rivals.map(|rival| vec![rival]).to_vec();
+            let (found, _) = scene.looked(&scene.truth, others, (margin, options));
             found.alternative_margins
         };
-        let excluded = margins(&strict, 0.02);
+        let in_front = || std::array::from_fn(|v| scene.in_front(v));
+        let excluded = margins((&strict, 0.02), in_front());
         assert!(excluded.iter().all(|margin| *margin >= 1.0), "{excluded:?}");
-        assert_eq!(margins(&strict, 0.3), vec![0.3; 5], "far enough");
-        let kept = margins(&any, 0.02);
-        assert!(kept.iter().any(|margin| *margin < 0.03), "{kept:?}");
+        assert_eq!(margins((&strict, 0.3), in_front()), [0.3; 5], "far enough");
+        // L3 in the place of L2 shows as much bone: only what lies behind it excludes it.
+        let displaced =
+            || std::array::from_fn(|v| scene.in_place_of(v, if v == 0 { 1 } else { v - 1 }));
+        assert!(margins((&strict, 0.02), displaced())[2] >= 1.0);
+        assert!(margins((&any, 0.02), displaced())[2] < 0.03);
+    }
+
+    #[test]
+    fn what_lay_behind_most_bones_before_counts_unless_most_were_wrong_and_all_are_right() {
+        let scene = Scene::new();
+        let options = VerdictOptions::default();
+        let mut poses = scene.truth.clone();
+        let before = |poses: &[Isometry3<f64>]| {
+            let (found, fit) = scene.looked(poses, vec![Vec::new(); 5], (0.5, &options));
+            let right = (0..5).filter(|v| scene.error(*v, &fit) < 1.0).count();
+            (found.behind_first, right)
+        };
+        assert_eq!(before(&poses), (None, 5), "nothing was replaced");
+        poses[4] = scene.in_place_of(4, 3);
+        let (first, right) = before(&poses);
+        let share = first.map(|shares| shares.into_iter().fold(0.0, f64::max));
+        assert!(share > Some(options.max_behind_share), "{share:?}");
+        assert_eq!(right, 5);
     }
 }

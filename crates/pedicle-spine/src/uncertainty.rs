@@ -17,7 +17,7 @@ use pedicle_trajectory::{
     check_trajectory, measure_pedicle,
 };
 
-use crate::breach::{Room, Wall, breach_probability};
+use crate::breach::{Bone, Room, Wall, breach_probability};
 use crate::margin::Spread;
 
 /// Depth of the isthmus below the entry where it cannot be measured, mm: that of the published
@@ -231,7 +231,11 @@ impl ScrewRoom {
             let moved = Translation3::from(center + shift) * turn * Translation3::from(-center);
             !is_valid(&planned.transformed(&(source_from_target * moved * pose)))
         };
-        breach_probability(&walls, covariance, &breaches)
+        let bone = Bone {
+            clearance_mm: self.clearance_mm,
+            breaches: &breaches,
+        };
+        breach_probability(&walls, covariance, bone)
     }
 }
 

@@ -1,7 +1,6 @@
 //! Whether the transfer of a vertebra can be vouched for, and if not, why.
 
 use crate::VerdictOptions;
-use crate::along_rays::SeenFromCamera;
 use crate::evidence::{Deviations, Evidence};
 use crate::margin::{MARGIN_MM, MARGIN_RAD};
 use crate::misfit::PATCH_MM;
@@ -178,18 +177,11 @@ pub(crate) fn rejections(evidence: &Evidence, options: &VerdictOptions) -> Vec<R
     found
 }
 
-/// Whether a camera saw too much behind a bone.
-pub(crate) fn is_contradicted(seen: &SeenFromCamera, options: &VerdictOptions) -> bool {
-    let max = max_behind_share(Some(seen.bare_area_mm2), options);
-    // A NaN is no share.
-    seen.behind_share.is_nan() || seen.behind_share > max
-}
-
 /// The less bone was seen, the less of what was measured may lie behind it: half as much on the first area as on the second and more, mm².
 const BEHIND_BY_AREA_MM2: [f64; 2] = [400.0, 1200.0];
 
 /// Largest share of the points behind a bone of which so much was seen bare.
-fn max_behind_share(bare_area_mm2: Option<f64>, options: &VerdictOptions) -> f64 {
+pub(crate) fn max_behind_share(bare_area_mm2: Option<f64>, options: &VerdictOptions) -> f64 {
     let [little, much] = BEHIND_BY_AREA_MM2;
     let of_area = |area_mm2: f64| ((area_mm2 - little) / (much - little)).clamp(0.0, 1.0);
     let share = bare_area_mm2.map_or(0.0, of_area);

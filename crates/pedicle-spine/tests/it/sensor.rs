@@ -84,30 +84,35 @@ fn soft_tissue_never_leads_to_a_false_accept() {
 #[test]
 fn a_small_doubt_is_outweighed_by_the_other_vertebrae_and_told() {
     let (truth, target) = suite_target(cell(SensorForm::Mesh, 0.0), 0, 31);
-    let sure = run(&target);
-    let doubted = sure.vertebrae.iter().filter(|v| v.accepted);
-    let doubted = doubted
-        .min_by(|a, b| a.alternative_margin.total_cmp(&b.alternative_margin))
-        .expect("some are accepted");
-    // The limit is put between this one's margin and the others'.
     let mut options = TransferOptions::default();
-    options.verdict.min_alternative_margin_of_camera = 1.001 * doubted.alternative_margin;
     let judged = |options: &TransferOptions| {
         let scene = scene();
         let plan = scene.phantom.plan();
         let found = transfer(&scene.model, &plan, &target, options).unwrap();
         verdicts(&found, &truth);
-        found.vertebrae[doubted.level.index()].clone()
+        found.vertebrae
     };
-    let outweighed = judged(&options);
+    // The limit is put between the deviation of the one that is known least and those of the others.
+    let deviation_mm = |v: &VertebraTransfer| v.covariance.map_or(0.0, |c| c.translation_mm());
+    let most_mm = judged(&options)
+        .iter()
+        .map(deviation_mm)
+        .fold(0.0, f64::max);
+    let doubted = (0..60).find_map(|step| {
+        options.verdict.max_translation_std_along_rays_mm = most_mm * 0.95_f64.powi(step);
+        let all = judged(&options);
+        let mut doubted = all.into_iter().filter(|v| !v.doubts.is_empty());
+        doubted.next().filter(|_| doubted.next().is_none())
+    });
+    let outweighed = doubted.expect("a limit that one misses by a little");
     assert!(outweighed.accepted && outweighed.reasons.is_empty());
     assert!(
-        matches!(outweighed.doubts[..], [Rejection::Ambiguous { .. }]),
+        matches!(outweighed.doubts[..], [Rejection::PositionUncertain { .. }]),
         "{:?}",
         outweighed.doubts
     );
     let words = outweighed.notice().expect("a doubt is told");
-    assert!(words.contains("next best pose"), "{words}");
+    assert!(words.contains("the position is known to"), "{words}");
 
     for lone_doubt in [
         LoneDoubtOptions {
@@ -115,15 +120,15 @@ fn a_small_doubt_is_outweighed_by_the_other_vertebrae_and_told() {
             ..LoneDoubtOptions::default()
         },
         LoneDoubtOptions {
-            min_margin_ratio: 1.0,
+            max_deviation_ratio: 1.0,
             ..LoneDoubtOptions::default()
         },
     ] {
         options.verdict.lone_doubt = lone_doubt;
-        let refused = judged(&options);
+        let refused = &judged(&options)[outweighed.level.index()];
         assert!(!refused.accepted && refused.doubts.is_empty());
         assert!(
-            matches!(refused.reasons[..], [Rejection::Ambiguous { .. }]),
+            matches!(refused.reasons[..], [Rejection::PositionUncertain { .. }]),
             "{:?}",
             refused.reasons
         );
