@@ -78,8 +78,7 @@ pub struct VerdictOptions {
     pub max_rotation_std_along_rays_rad: f64,
     /// The same of the entry or tip of a planned screw, mm. Default 2. Whether it then breaches is asked below.
     pub max_screw_std_mm: f64,
-    /// Largest probability that a planned screw breaches the cortex. Default 0.0025: those of 11 000 accepted vertebrae add up to 0.15 breaches, some 0.11
-    /// in poses that are drawn.
+    /// Largest probability that a planned screw breaches the cortex. Default 0.0025: those of 11 000 accepted vertebrae add up to 0.14 breaches.
     pub max_breach_probability: f64,
     /// Largest share of the target that may belong to no vertebra. Default 0.1.
     pub max_unexplained_share: f64,
@@ -139,7 +138,8 @@ pub struct VerdictOptions {
     /// How much worse, relative to the vertebra's own points, the best clearly different pose
     /// must explain them. Default 0.08.
     pub min_alternative_margin: f64,
-    /// The same of what a camera saw, where tissue may lie like bone. Default 0.1.
+    /// The same of what a camera saw, where tissue may lie like bone. Default 0.1. A pose that leads to the same along the rays, shows less than half of the bare
+    /// bone, or has 1.5 times as much behind it as `max_behind_share` allows is no other pose.
     pub min_alternative_margin_of_camera: f64,
     /// Least area of bare bone of a vertebra that a camera must have seen, mm². Default 400: half of the
     /// wrong poses among tissue have less, and few right ones.

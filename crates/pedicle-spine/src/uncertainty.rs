@@ -294,6 +294,7 @@ pub(crate) fn density(z: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use nalgebra::{Matrix6, Point3};
+    use pedicle_trajectory::Level;
 
     use super::*;
 
@@ -347,5 +348,66 @@ mod tests {
             (at(10.0) - 0.1).abs() < 1e-12 && (at(50.0) - 0.5).abs() < 1e-12,
             "lever"
         );
+    }
+
+    #[test]
+    fn a_screw_that_is_held_against_the_bone_is_moved_as_its_pose_errs() {
+        // A screw along y, 20 mm of it behind a wall 2.5 mm to its left, in a pose that is turned far.
+        let planned = Trajectory {
+            level: Level::L3,
+            side: Side::Left,
+            entry_mm: Point3::new(10.0, 0.0, 5.0),
+            tip_mm: Point3::new(10.0, 40.0, 5.0),
+            diameter_mm: 5.0,
+        };
+        let point = Point3::new(10.0, 20.0, 5.0);
+        let room = Room {
+            direction: Vector3::x(),
+            clearance_mm: 2.5,
+        };
+        let screw = ScrewRoom {
+            clearance_mm: 2.5,
+            isthmus_depth_mm: 20.0,
+            walls: vec![Wall {
+                point,
+                towards: room,
+                across: room,
+            }],
+        };
+        let pose = Isometry3::new(Vector3::new(30.0, -8.0, 70.0), Vector3::new(0.4, -1.1, 0.8));
+        // The screw errs more in one direction of the target, and turns about another.
+        let mut matrix = Matrix6::zeros();
+        for (k, deviation) in [0.014, 0.07, 0.003, 1.7, 0.45, 1.0].into_iter().enumerate() {
+            matrix[(k, k)] = f64::powi(deviation, 2);
+        }
+        (matrix[(1, 3)], matrix[(3, 1)]) = (0.06, 0.06);
+        let covariance = PoseCovariance {
+            matrix,
+            center: pose * Point3::new(-6.0, 30.0, 0.0),
+        };
+        let lever = pose * point - covariance.center;
+        let direction = pose.rotation * room.direction;
+        let turn = lever.cross(&direction);
+        let a = Vector6::new(
+            turn.x,
+            turn.y,
+            turn.z,
+            direction.x,
+            direction.y,
+            direction.z,
+        );
+        let known = upper_tail(2.5 / (a.dot(&(matrix * a))).sqrt());
+        assert!((0.002..0.05).contains(&known), "{known} is asked about");
+        let is_valid = |moved: &Trajectory| {
+            let at = moved.entry_mm + moved.direction() * 20.0;
+            at.x - point.x < 2.5
+        };
+        let found = screw.breach_probability(&planned, (&pose, &covariance), is_valid);
+        assert!((found - known).abs() < 0.15 * known, "{found} for {known}");
+        // The other side is open.
+        let free =
+            |moved: &Trajectory| (moved.entry_mm + moved.direction() * 20.0).x > point.x - 2.5;
+        let none = screw.breach_probability(&planned, (&pose, &covariance), free);
+        assert!(none < 1e-3 * known, "{none}");
     }
 }
