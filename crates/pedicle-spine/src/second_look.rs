@@ -7,7 +7,7 @@
 //! The search and [`crate::rivals`] compare poses by what lies near them, and tissue lies near wrong ones. What lies behind a bone, which would have hidden it, is told of
 //! a pose that was fitted along the rays. So once all poses are fitted so,
 //!
-//! - a vertebra whose pose is contradicted gets one of those that lost, or the one in which its neighbours put it, if that is not
+//! - a vertebra whose pose is contradicted, or shows too little bare bone, gets one of those that lost, or the one in which its sound neighbours put it, if that one is sound
 //!   (how much lies behind most bones, which tells other patients, is then asked of the poses before as well, for chosen ones have little behind them anywhere; but not
 //!   where most were wrong and all are right now);
 //! - a pose that fits nearly as well is no rival if it leads to the same, shows much less, or is contradicted by far.
@@ -59,7 +59,7 @@ struct Looked {
 }
 
 impl SecondLook<'_> {
-    /// The fit, or another one in which more vertebrae are sound; and what was found, with margins over poses that are not.
+    /// The fit, or another one in which more vertebrae are sound; and what was found, with margins of 1 where no rival is left.
     pub(crate) fn taken(
         &self,
         mut found: Found,
