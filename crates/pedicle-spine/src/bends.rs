@@ -9,7 +9,7 @@
 //! so many points where these numbers are large that processes seem to be longer and edges sharper than they are. Taken as unknown weights,
 //! exp(Σ_k w_k d_k(s)), they explain that.
 //!
-//! |b| at the smaller radius alone says most of how vertices crowd, and is a weight in the fit of a pose too.
+//! |b| at the smaller radius alone says most of how vertices crowd, and is a weight in the fit that the shape is asked about as well.
 //!
 //! Each number is over all places brought to 0 in the mean and 1 in the root mean square, and then to 3 at most. Where fewer than 8 places lie within r, the nearest 8 count.
 

@@ -294,7 +294,11 @@ pub(crate) fn density(z: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use nalgebra::{Matrix6, Point3};
-    use pedicle_trajectory::Level;
+    use pedicle_simulation::{MeshingOptions, PhantomParameters, generate_phantom};
+    use pedicle_trajectory::{Level, anatomical_frames};
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
 
     use super::*;
 
@@ -409,5 +413,69 @@ mod tests {
             |moved: &Trajectory| (moved.entry_mm + moved.direction() * 20.0).x > point.x - 2.5;
         let none = screw.breach_probability(&planned, (&pose, &covariance), free);
         assert!(none < 1e-3 * known, "{none}");
+    }
+
+    #[test]
+    fn so_many_screws_breach_as_is_told_of_bones() {
+        let phantom =
+            generate_phantom(&PhantomParameters::default(), &MeshingOptions::default()).unwrap();
+        let pairs: Vec<_> = phantom
+            .vertebrae
+            .iter()
+            .map(|v| (v.level, &v.mesh))
+            .collect();
+        let frames = anatomical_frames(&pairs).unwrap();
+        let plan = phantom.plan();
+        let mut rng = ChaCha8Rng::seed_from_u64(29);
+        let (mut told, mut seen, mut beyond_walls, mut n_screws) = (0.0, 0.0, 0.0, 0);
+        for (v, frame) in phantom.vertebrae.iter().zip(&frames) {
+            let index = Arc::new(SurfaceIndex::new(&v.mesh).unwrap());
+            let anatomy = Anatomy::new(&v.mesh, index, frame);
+            let screws = plan.trajectories.iter().filter(|t| t.level == v.level);
+            for planned in screws {
+                // So large an error that a screw in a hundred breaches its narrowest wall.
+                let room = anatomy.room(planned, frame);
+                let clearance_mm = room.as_ref().as_ref().unwrap().clearance_mm;
+                let deviation_mm = clearance_mm / 3.2;
+                let mut matrix = Matrix6::identity() * deviation_mm.powi(2);
+                for k in 0..3 {
+                    matrix[(k, k)] = (deviation_mm * 0.04).powi(2);
+                }
+                let covariance = PoseCovariance {
+                    matrix,
+                    center: v.mesh.centroid(),
+                };
+                let pose = Isometry3::identity();
+                let found = uncertainty(planned, &pose, &covariance, (&anatomy, frame));
+                if !(0.001..0.05).contains(&found.breach_probability) {
+                    continue;
+                }
+                let walls = room.as_ref().as_ref().unwrap();
+                // If all errors beyond the walls that are moved nearer breached.
+                beyond_walls += walls.breach_probability(planned, (&pose, &covariance), |_| false);
+                let n_drawn = 2000;
+                let breached = (0..n_drawn).filter(|_| {
+                    let x = Vector6::from_fn(|k, _| -> f64 {
+                        let z: f64 = StandardNormal.sample(&mut rng);
+                        z * covariance.matrix[(k, k)].sqrt()
+                    });
+                    let turn = UnitQuaternion::from_scaled_axis(x.fixed_rows::<3>(0).into_owned());
+                    let shift = x.fixed_rows::<3>(3).into_owned();
+                    let center = covariance.center.coords;
+                    let moved =
+                        Translation3::from(center + shift) * turn * Translation3::from(-center);
+                    !anatomy.is_valid(&planned.transformed(&moved), frame)
+                });
+                seen += breached.count() as f64 / f64::from(n_drawn);
+                told += found.breach_probability;
+                n_screws += 1;
+            }
+        }
+        assert!(n_screws >= 6, "{n_screws} screws are asked about");
+        assert!(
+            (told - seen).abs() < 0.12 * seen,
+            "{told} told, {seen} seen"
+        );
+        assert!(beyond_walls > 1.2 * seen, "{beyond_walls} and {seen}");
     }
 }
